@@ -1,0 +1,106 @@
+"""Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them (paper, section III-C; notes N1-N4).
+
+All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its arc length along its
+wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from isotonic regression.
+Between two neighbouring fixed nodes Algorithm 1 spreads nodes uniformly along the arc. Both sides of a piece get the same number.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from sandwich_sitl.channels.dividers import Piece
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Streamline:
+    """Nodes of one streamline: `lower` and `upper` (m_phi, 2) are its two sides, equal where it is free.
+
+    `barrier` (m_phi,) is the obstacle's index where the two sides are different nodes, -1 where they are one.
+    `on_wall` (m_phi,) is true on any node of a wall, tips included.
+    """
+
+    lower: Array
+    upper: Array
+    barrier: NDArray[np.int64]
+    on_wall: NDArray[np.bool_]
+
+
+def columns_needed(streamlines: Sequence[tuple[Piece, ...]]) -> int:
+    """Least m_phi that gives every corner a node of its own."""
+    return max(sum(_least_intervals(piece) for piece in pieces) for pieces in streamlines) + 1
+
+
+def spread_nodes(pieces: tuple[Piece, ...], x_min: float, x_max: float, m_phi: int) -> Streamline:
+    """Nodes of one streamline on `m_phi` columns."""
+    last = m_phi - 1
+    wishes = (_progress(pieces) - x_min) / (x_max - x_min) * last
+    columns = integer_columns(wishes, [_least_intervals(piece) for piece in pieces], last)
+    lower, upper = np.empty((m_phi, 2)), np.empty((m_phi, 2))
+    barrier, on_wall = np.full(m_phi, -1), np.zeros(m_phi, dtype=bool)
+    for piece, start, end in zip(pieces, columns[:-1], columns[1:], strict=True):
+        span = slice(int(start), int(end) + 1)
+        if piece.barrier is None:
+            lower[span] = upper[span] = along_arc(piece.lower, int(end - start) + 1)
+            continue
+        lower[span] = _wall_nodes(piece.lower, int(end - start))
+        upper[span] = _wall_nodes(piece.upper, int(end - start))
+        on_wall[span] = True
+        apart = np.flatnonzero((lower[span] != upper[span]).any(axis=1)) + int(start)
+        barrier[apart] = piece.barrier.index
+    return Streamline(lower, upper, barrier, on_wall)
+
+
+def along_arc(path: Array, nodes: int) -> Array:
+    """Algorithm 1: `nodes` points (nodes, 2) at equal arc length along a polyline (V, 2), both ends included."""
+    arc = _arc_length(path)
+    at = np.linspace(0.0, arc[-1], nodes)
+    points = np.column_stack([np.interp(at, arc, path[:, 0]), np.interp(at, arc, path[:, 1])])
+    points[0], points[-1] = path[0], path[-1]
+    return points
+
+
+def integer_columns(wishes: Array, least: Sequence[int], last: int) -> NDArray[np.int64]:
+    """Integers c with c[0] = 0, c[-1] = last, c[k + 1] - c[k] >= least[k], nearest to `wishes` (least squares, rounded)."""
+    used = np.concatenate([[0], np.cumsum(least)])
+    slack = last - used[-1]
+    relaxed = isotonic_regression(np.clip(wishes - used, 0.0, slack)).x
+    columns = np.rint(relaxed).astype(np.int64) + used
+    columns[0], columns[-1] = 0, last
+    return np.asarray(columns, dtype=np.int64)
+
+
+def _progress(pieces: tuple[Piece, ...]) -> Array:
+    """x of the ends of the pieces (len + 1,), made monotone: the mean of the furthest x so far and the least x to come.
+
+    Only a barrier that overhangs the border it touches needs it; for all others this is their x.
+    """
+    x = [piece.lower[:, 0] for piece in pieces]
+    furthest = np.maximum.accumulate([x[0][0], *(part.max() for part in x)])
+    to_come = np.minimum.accumulate([x[-1][-1], *(part.min() for part in reversed(x))])[::-1]
+    return np.asarray((furthest + to_come) / 2)
+
+
+def _least_intervals(piece: Piece) -> int:
+    if piece.barrier is None:
+        return 1
+    return max(len(piece.lower), len(piece.upper)) - 1
+
+
+def _wall_nodes(path: Array, intervals: int) -> Array:
+    arc = _arc_length(path)
+    columns = integer_columns(arc / arc[-1] * intervals, [1] * (len(path) - 1), intervals)
+    parts = [
+        along_arc(path[k : k + 2], int(columns[k + 1] - columns[k]) + 1)[: -1 if k < len(path) - 2 else None]
+        for k in range(len(path) - 1)
+    ]
+    return np.concatenate(parts)
+
+
+def _arc_length(path: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])

@@ -1,0 +1,250 @@
+"""Dividing streamlines: smooth, evenly spaced curves that carry each group of obstacles (paper, section III-A; notes N6).
+
+Streamline d is a function y = d(x) wherever it is free; it ends at the tips of the obstacles of its group. At every column (a uniform
+grid and every x at which a hull has a vertex) the streamlines keep their order and stay off the hulls of the other groups,
+by at least a share of the gap that equal spacing would give them. Between columns everything is linear, so what holds at the
+columns holds everywhere. Among all such curves a convex QP takes the one of least bending and least departure from equal spacing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import osqp
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sandwich_sitl.channels.barrier import Barrier
+from sandwich_sitl.channels.classify import Classification
+from sandwich_sitl.channels.tips import Tip
+from sandwich_sitl.channels.walls import wall_on_border, walls_between_channels
+
+Array = NDArray[np.float64]
+
+_KEPT_SHARE = 0.35  # of the equal-spacing gap, kept free on each side of a streamline
+_STIFFNESS = 0.4  # how many channel widths a bend spreads over
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of a dividing streamline: free (`barrier` None, both sides equal) or the two walls of a barrier.
+
+    `lower` is the top side of the channel below, `upper` the bottom side of the channel above; (V, 2), left to right.
+    """
+
+    barrier: Barrier | None
+    lower: Array
+    upper: Array
+
+
+def lay_dividers(
+    groups: Classification, bounds: tuple[float, float, float, float], column_m: float
+) -> tuple[tuple[Piece, ...], ...]:
+    """Pieces of the p + 1 streamlines from the bottom border (0) over the dividing ones (1 .. p - 1) to the top border (p)."""
+    x = _columns(groups, bounds, column_m)
+    low, high = _extents(groups, bounds, x)
+    y = _smooth(x, low, high, groups.groups, bounds)
+    inner = [_pieces(x, y[d], chain, bounds) for d, chain in enumerate(groups.groups)]
+    return (_border(groups.bottom, bounds, top=False), *inner, _border(groups.top, bounds, top=True))
+
+
+def _columns(groups: Classification, bounds: tuple[float, float, float, float], column_m: float) -> Array:
+    x_min, _, x_max, _ = bounds
+    uniform = np.linspace(x_min, x_max, max(8, int(np.ceil((x_max - x_min) / column_m))) + 1)
+    hulls = [b.hull.x for chain in (groups.bottom, groups.top, *groups.groups) for b in chain]
+    # Uniform columns make way for the vertices close to them: slivers would only hurt the QP's conditioning.
+    vertices = np.unique(np.concatenate([*hulls, [x_min, x_max]]))
+    nearest = np.abs(uniform[:, None] - vertices[None, :]).min(axis=1)
+    return np.union1d(vertices, uniform[nearest > 0.3 * column_m])
+
+
+def _extents(groups: Classification, bounds: tuple[float, float, float, float], x: Array) -> tuple[Array, Array]:
+    """(low, high) of shape (p + 1, n): y-extent of each streamline's barriers at each column, nan where it is free."""
+    chains = [groups.bottom, *groups.groups, groups.top]
+    low, high = np.full((len(chains), len(x)), np.nan), np.full((len(chains), len(x)), np.nan)
+    low[0], high[0] = bounds[1], bounds[1]
+    low[-1], high[-1] = bounds[3], bounds[3]
+    for level, chain in enumerate(chains):
+        for barrier in chain:
+            inside = (x >= barrier.hull.x_min) & (x <= barrier.hull.x_max)
+            a, b = barrier.hull.extent(x[inside])
+            low[level, inside] = np.fmin(low[level, inside], a)
+            high[level, inside] = np.fmax(high[level, inside], b)
+    return low, high
+
+
+def _smooth(
+    x: Array,
+    low: Array,
+    high: Array,
+    chains: tuple[tuple[Barrier, ...], ...],
+    bounds: tuple[float, float, float, float],
+) -> Array:
+    """y (p - 1, n) of the dividing streamlines; on barrier columns the value is that of the tip or without meaning."""
+    levels, n = low.shape
+    even, gap = _even_spacing(low, high)
+    y = even.copy()
+    if levels > 2:
+        y[1:-1] = _solve_spacing(x, low, high, even, gap, chains, bounds)
+    # OSQP is accurate to about 1e-4; one sweep up and one down make the kept gaps exact.
+    kept = 0.5 * _KEPT_SHARE * gap
+    top_of, bottom_of = np.where(np.isnan(high), y, high), np.where(np.isnan(low), y, low)
+    for level in range(1, levels - 1):
+        free = np.isnan(low[level])
+        raised = np.maximum(y[level], top_of[level - 1] + kept[level - 1])
+        y[level] = np.where(free, raised, y[level])
+        top_of[level] = np.where(free, y[level], top_of[level])
+    bottom_of = np.where(np.isnan(low), y, low)
+    for level in range(levels - 2, 0, -1):
+        free = np.isnan(low[level])
+        y[level] = np.where(free, np.minimum(y[level], bottom_of[level + 1] - kept[level]), y[level])
+        bottom_of[level] = np.where(free, y[level], bottom_of[level])
+    return y[1:-1]
+
+
+def _even_spacing(low: Array, high: Array) -> tuple[Array, Array]:
+    """Equal spacing between what is fixed above and below: y (p + 1, n), and the gap (p, n) between neighbours."""
+    levels, n = low.shape
+    y, gap = np.where(np.isnan(low), 0.0, low), np.zeros((levels - 1, n))
+    for column in range(n):
+        fixed = np.flatnonzero(~np.isnan(low[:, column]))
+        for a, b in zip(fixed[:-1], fixed[1:], strict=True):
+            share = (low[b, column] - high[a, column]) / (b - a)
+            gap[a:b, column] = share
+            y[a + 1 : b, column] = high[a, column] + share * np.arange(1, b - a)
+    return y, gap
+
+
+def _solve_spacing(
+    x: Array,
+    low: Array,
+    high: Array,
+    even: Array,
+    gap: Array,
+    chains: tuple[tuple[Barrier, ...], ...],
+    bounds: tuple[float, float, float, float],
+) -> Array:
+    """minimise bending + departure from `even`, subject to kept gaps, tips fixed; returns y (p - 1, n)."""
+    levels, n = low.shape
+    inner = levels - 2
+    index = np.arange(inner * n).reshape(inner, n)
+    free = np.isnan(low[1:-1])
+    fixed_y = even[1:-1].copy()
+    for d, chain in enumerate(chains):
+        for tip in (tip for barrier in chain for tip in (barrier.left_tip, barrier.right_tip) if tip is not None):
+            fixed_y[d, np.searchsorted(x, tip.x_end_m)] = tip.point_m[1]
+    width = _STIFFNESS * (bounds[3] - bounds[1]) / (levels - 1)
+    bending = sp.block_diag([_bending(x, free[d]) for d in range(inner)], format="csc")
+    weight = np.gradient(x)
+    slope = sp.block_diag([_slope(x, free[d]) for d in range(inner)], format="csc")
+    P = width**4 * bending + width**2 * slope + sp.diags_array(np.tile(weight, inner))
+    q = -np.tile(weight, inner) * even[1:-1].ravel()
+    pinned = index[~free]
+    rows, lower = [sp.eye_array(inner * n, format="csr")[pinned]], [fixed_y[~free]]
+    upper = [fixed_y[~free]]
+    for k in range(levels - 1):
+        active = np.flatnonzero(np.isnan(low[k]) | np.isnan(low[k + 1]))
+        below_free, above_free = np.isnan(low[k, active]), np.isnan(low[k + 1, active])
+        bound = _KEPT_SHARE * gap[k, active]
+        bound = bound + np.where(below_free, 0.0, high[k, active]) - np.where(above_free, 0.0, low[k + 1, active])
+        number = np.arange(len(active))
+        entries = [
+            (number[above_free], index[k][active[above_free]] if k < inner else np.empty(0, int), 1.0),
+            (number[below_free], index[k - 1][active[below_free]] if k > 0 else np.empty(0, int), -1.0),
+        ]
+        r, c, v = (
+            np.concatenate(parts) for parts in zip(*[(r, c, np.full(len(r), s)) for r, c, s in entries], strict=True)
+        )
+        rows.append(sp.csr_array((v, (r, c)), shape=(len(active), inner * n)))
+        lower.append(bound)
+        upper.append(np.full(len(active), np.inf))
+    solver = osqp.OSQP()
+    solver.setup(
+        sp.csc_matrix(sp.triu(P)),
+        q,
+        sp.csc_matrix(sp.vstack(rows)),
+        np.concatenate(lower),
+        np.concatenate(upper),
+        verbose=False,
+        eps_abs=1e-4,
+        eps_rel=1e-4,
+        max_iter=4000,
+        adaptive_rho_interval=50,
+    )
+    solution = solver.solve(raise_error=False)
+    values = np.asarray(solution.x, dtype=float).reshape(inner, n)
+    return np.where(np.isfinite(values), np.where(free, values, fixed_y), even[1:-1])
+
+
+def _bending(x: Array, free: NDArray[np.bool_]) -> sp.csc_array:
+    """Integral of the squared second derivative as a matrix (n, n), over triples whose middle is free."""
+    h0, h1 = np.diff(x)[:-1], np.diff(x)[1:]
+    scale = np.sqrt((h0 + h1) / 2)
+    smallest = 0.2 * float(np.median(np.diff(x)))
+    h0, h1 = np.maximum(h0, smallest), np.maximum(h1, smallest)
+    n = len(x)
+    second = sp.diags_array(
+        [2 / (h0 * (h0 + h1)) * scale, -2 / (h0 * h1) * scale, 2 / (h1 * (h0 + h1)) * scale],
+        offsets=[0, 1, 2],
+        shape=(n - 2, n),
+    )
+    second = sp.csr_array(second)[np.flatnonzero(free[1:-1])]
+    return sp.csc_array(second.T @ second)
+
+
+def _slope(x: Array, free: NDArray[np.bool_]) -> sp.csc_array:
+    """Integral of the squared first derivative as a matrix (n, n), over intervals with a free end."""
+    h = np.diff(x)
+    first = sp.diags_array([-1 / np.sqrt(h), 1 / np.sqrt(h)], offsets=[0, 1], shape=(len(x) - 1, len(x)))
+    first = sp.csr_array(first)[np.flatnonzero(free[:-1] | free[1:])]
+    return sp.csc_array(first.T @ first)
+
+
+def _pieces(
+    x: Array, y: Array, chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float]
+) -> tuple[Piece, ...]:
+    pieces: list[Piece] = []
+    left: Tip | None = None
+    open_end = True
+    for barrier in chain:
+        if open_end and (barrier.left_tip is not None or left is not None):
+            path = _free_path(x, y, left, barrier.left_tip)
+            pieces.append(Piece(None, path, path))
+        walls = walls_between_channels(barrier, bounds)
+        pieces.append(Piece(barrier, walls.lower, walls.upper))
+        left, open_end = barrier.right_tip, barrier.right_tip is not None
+    if open_end:
+        path = _free_path(x, y, left, None)
+        pieces.append(Piece(None, path, path))
+    return tuple(pieces)
+
+
+def _free_path(x: Array, y: Array, left: Tip | None, right: Tip | None) -> Array:
+    """Nodes of the columns between two tips, and the tips themselves; None stands for the border."""
+    start = 0 if left is None else int(np.searchsorted(x, left.x_end_m, side="right"))
+    end = len(x) if right is None else int(np.searchsorted(x, right.x_end_m, side="left"))
+    path = np.column_stack([x[start:end], y[start:end]])
+    before = np.empty((0, 2)) if left is None else _way_out(left)
+    after = np.empty((0, 2)) if right is None else _way_out(right)[::-1]
+    return np.concatenate([before, path, after])
+
+
+def _way_out(tip: Tip) -> Array:
+    """From the tip horizontally to the x where the hull ends."""
+    end = np.array([tip.x_end_m, tip.point_m[1]])
+    return tip.point_m[None] if np.array_equal(end, tip.point_m) else np.stack([tip.point_m, end])
+
+
+def _border(chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float], *, top: bool) -> tuple[Piece, ...]:
+    border_y = bounds[3] if top else bounds[1]
+    pieces: list[Piece] = []
+    at = np.array([bounds[0], border_y])
+    for barrier in chain:
+        wall = wall_on_border(barrier, bounds, top=top)
+        if wall[0, 0] > at[0]:
+            pieces.append(Piece(None, np.stack([at, wall[0]]), np.stack([at, wall[0]])))
+        pieces.append(Piece(barrier, wall, wall))
+        at = wall[-1]
+    end = np.array([bounds[2], border_y])
+    if at[0] < end[0]:
+        pieces.append(Piece(None, np.stack([at, end]), np.stack([at, end])))
+    return tuple(pieces)

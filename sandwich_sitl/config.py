@@ -1,0 +1,297 @@
+"""One YAML file describes one run; here it becomes frozen dataclasses.
+
+Keys carry their units (`_m _mps _mps2 _rad _s _hz _deg`). Positions are ENU metres in the world's frame (x east, y north).
+Unknown keys, wrong types and values out of range raise `InputError` with file, line, key path and the fix.
+
+The `vehicle` section belongs to the vehicle process, which reads it from the same file; here it stays a plain mapping,
+so that the offboard process needs nothing of the vehicle's to fly a real autopilot.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from sandwich_sitl.errors import InputError
+
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+PointM = tuple[float, float]
+BoundsM = Annotated[tuple[float, float, float, float], Field(description="x_min, y_min, x_max, y_max in metres")]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ObstacleConfig:
+    """One obstacle of an inline world: exactly one of `polygon_m` and `circle_m`."""
+
+    name: str | None = None
+    polygon_m: Annotated[tuple[PointM, ...], Field(min_length=3)] | None = None
+    circle_m: Annotated[tuple[float, float, Positive], Field(description="centre x, centre y, radius")] | None = None
+    height_m: Positive | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class GeoOriginConfig:
+    """Where the ENU frame of a GeoJSON world has its origin (WGS84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class WorldConfig:
+    """Inline (`bounds_m` and `obstacles`) or a GeoJSON file (`geojson`, with optional `origin` and `bounds_m`)."""
+
+    bounds_m: BoundsM | None = None
+    obstacles: tuple[ObstacleConfig, ...] = ()
+    geojson: Annotated[str, Field(description="path, relative to the configuration file")] | None = None
+    origin: GeoOriginConfig | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class PlannerConfig:
+    """Channel map, route and time law."""
+
+    vehicle_radius_m: Positive
+    margin_m: Annotated[float, Field(gt=0, description="added to the radius when obstacles are grown for planning")]
+    cell_m: Annotated[float, Field(gt=0, description="edge length asked of a cell of the mapped grid")] = 1.0
+    min_rows: Annotated[int, Field(ge=3, description="least number of nodes across a channel")] = 5
+    speed_mps: Positive = 3.0
+    acceleration_mps2: Positive = 2.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class MpcConfig:
+    """Model predictive control of the quadruple integrator (paper, section V)."""
+
+    rate_hz: Positive = 50.0
+    horizon_steps: Annotated[int, Field(ge=4, le=100)] = 20
+    step_s: Positive = 0.1
+    bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 4.0
+    observer_radps: Annotated[float, Field(gt=0, description="bandwidth of the state observer")] = 3.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class MissionConfig:
+    """Limits and deadlines of the mission, in seconds of the run's clock."""
+
+    connect_timeout_s: Positive = 20.0
+    ready_timeout_s: Positive = 60.0
+    prime_s: Positive = 1.0
+    request_timeout_s: Positive = 5.0
+    land_timeout_s: Positive = 60.0
+    brake_mps2: Positive = 3.0
+    start_tolerance_m: Annotated[float, Field(gt=0, description="how far from start_m the vehicle may stand")] = 2.0
+    goal_tolerance_m: Positive = 0.5
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LinkConfig:
+    """MAVLink end point of the offboard process."""
+
+    uri: Annotated[
+        str, Field(description="udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, serial://DEVICE:BAUD")
+    ] = "udpin://127.0.0.1:14540"
+    system_id: Annotated[int, Field(ge=1, le=255)] = 245
+    component_id: Annotated[int, Field(ge=1, le=255)] = 191
+    loss_timeout_s: Annotated[float, Field(gt=0, description="silence after which the vehicle counts as lost")] = 2.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ClockConfig:
+    """`lockstep`: the vehicle advances one control period a setpoint. `realtime`: wall clock times `speed`."""
+
+    mode: Literal["realtime", "lockstep"] = "lockstep"
+    speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LoggingConfig:
+    """The MCAP log of a run."""
+
+    flush_s: Annotated[float, Field(gt=0, description="at most this much is lost when a process is killed")] = 0.25
+    horizon_hz: Positive = 10.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ZenohConfig:
+    """Debug streams. Loopback unless `listen` or `connect` says otherwise."""
+
+    enabled: bool = True
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    connect: tuple[str, ...] = ()
+    vehicle_name: str = "uav1"
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RunConfig:
+    """Everything a run depends on."""
+
+    world: WorldConfig
+    start_m: PointM
+    goal_m: PointM
+    altitude_m: Annotated[float, Field(gt=0, description="flight altitude above the start, the paper's z0")]
+    planner: PlannerConfig
+    name: str = "run"
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    mode: Annotated[
+        Literal["timed", "paper"],
+        Field(description="paper: one node a step, Euler model, unmended quadrangles; timed: the default"),
+    ] = "timed"
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    mission: MissionConfig = field(default_factory=MissionConfig)
+    vehicle: dict[str, Any] = field(default_factory=dict)
+    link: LinkConfig = field(default_factory=LinkConfig)
+    clock: ClockConfig = field(default_factory=ClockConfig)
+    logging: LoggingConfig = field(default_factory=LoggingConfig)
+    zenoh: ZenohConfig = field(default_factory=ZenohConfig)
+
+
+_ADAPTER = TypeAdapter(RunConfig)
+
+
+def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfig:
+    """Read a run's YAML file; `overrides` maps dotted key paths ("clock.mode") to values.
+
+    Raises `InputError` with file, line, key path and the fix.
+    """
+    document = YamlDocument.read(path)
+    for key_path, value in (overrides or {}).items():
+        document.set(key_path, value)
+    try:
+        return _ADAPTER.validate_json(json.dumps(document.data, default=str))
+    except ValidationError as error:
+        raise InputError(document.describe(error)) from error
+
+
+def config_schema() -> dict[str, Any]:
+    """The JSON Schema of a run's YAML file."""
+    return _ADAPTER.json_schema()
+
+
+def config_as_dict(config: RunConfig) -> dict[str, Any]:
+    """Plain data that `load_config` would accept again (for logs)."""
+    data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
+    return data
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML keeps the last of two equal keys without a word; here that is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"key '{key}' stands twice", problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+@dataclasses.dataclass
+class YamlDocument:
+    """A YAML mapping with the lines its keys came from, so that an error can point at them."""
+
+    path: Path
+    data: dict[str, Any]
+    root: yaml.Node
+
+    @classmethod
+    def read(cls, path: Path) -> "YamlDocument":
+        """Raises `InputError` when the file is missing, not UTF-8, not YAML, or not a mapping."""
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be read ({error.strerror}); give the path of a run's YAML file"
+            ) from error
+        except UnicodeDecodeError as error:
+            raise InputError(f"{path}: is not UTF-8 text; save it as UTF-8") from error
+        try:
+            data = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - the loader is a SafeLoader
+            root = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.MarkedYAMLError as error:
+            line = error.problem_mark.line + 1 if error.problem_mark else 1
+            raise InputError(f"{path}:{line}: is not valid YAML: {error.problem}") from error
+        except yaml.YAMLError as error:
+            raise InputError(f"{path}: is not valid YAML: {' '.join(str(error).split())}") from error
+        if not isinstance(data, dict) or root is None:
+            raise InputError(f"{path}: must be a mapping of keys such as world, start_m, goal_m")
+        return cls(path, data, root)
+
+    def set(self, key_path: str, value: Any) -> None:
+        """Override one value, creating sections on the way."""
+        *sections, last = key_path.split(".")
+        target = self.data
+        for section in sections:
+            target = target.setdefault(section, {})
+            if not isinstance(target, dict):
+                raise InputError(f"{self.path}: {key_path}: '{section}' is not a section")
+        target[last] = value
+
+    def describe(self, error: ValidationError) -> str:
+        """One line for the first problem: file, line, key path, what is wrong, what would be right."""
+        problems = error.errors(include_url=False)
+        first = problems[0]
+        loc = tuple(part for part in first["loc"] if not _is_union_label(part))
+        key = _dotted(loc)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        return f"{self.path}:{self._line(loc)}: {key}: {_advice(first)}{more}"
+
+    def _line(self, loc: Sequence[int | str]) -> int:
+        node = self.root
+        for part in loc:
+            child = _child(node, part)
+            if child is None:
+                break
+            node = child
+        return int(node.start_mark.line) + 1
+
+
+def _child(node: yaml.Node, part: int | str) -> yaml.Node | None:
+    if isinstance(node, yaml.MappingNode):
+        for key_node, value_node in node.value:
+            if key_node.value == str(part):
+                return (
+                    value_node if isinstance(value_node, yaml.ScalarNode) else key_node_with_value(key_node, value_node)
+                )
+    if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+        item: yaml.Node = node.value[part]
+        return item
+    return None
+
+
+def key_node_with_value(key_node: yaml.Node, value_node: yaml.Node) -> yaml.Node:
+    """The value's node, placed at the line of its key (a block's own mark is the line after it)."""
+    value_node.start_mark = key_node.start_mark
+    return value_node
+
+
+def _is_union_label(part: int | str) -> bool:
+    """Pydantic puts the tried branch of a union into the path, e.g. 'constrained-tuple'."""
+    return isinstance(part, str) and ("[" in part or "-" in part)
+
+
+def _dotted(loc: Sequence[int | str]) -> str:
+    text = ""
+    for part in loc:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "(file)"
+
+
+def _advice(problem: Any) -> str:
+    kind, given = problem["type"], problem.get("input")
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        return "is not a known key; `sandwich-sitl config --schema` lists the keys"
+    if kind in ("missing", "missing_argument"):
+        return "is missing; add it (its unit is the end of its name)"
+    shown = json.dumps(given, default=str)
+    return f"{problem['msg']}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"

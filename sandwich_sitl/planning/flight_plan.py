@@ -1,0 +1,63 @@
+"""`FlightPlan`: everything a run has decided before take-off, as plain arrays. The log carries it, viewers draw it.
+
+All positions are ENU metres in the world's frame; z is up from the ground at the start.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandwich_sitl.channels.channel_map import ChannelMap
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Desired motion along the route, sampled once a control period (paper: p_k; notes N12).
+
+    `t_s` (K,) starts at 0 with the vehicle at rest over the start; `xyz_m` (K, 3); `region` (K,) indexes `Corridor`.
+    """
+
+    t_s: Array
+    xyz_m: Array
+    region: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """Convex regions Lambda_m [x, y] <= Gamma_m (paper, Eq. (mainsafety); notes N17).
+
+    `Lambda` (M, F, 2) with unit rows, `Gamma` (M, F) in metres; unused rows repeat the last one. `polygons_m` are the same
+    regions as counter-clockwise rings without closing point, `neighbours_m` (M, 4, 2) the paper's raw quadrangles.
+    """
+
+    Lambda: Array
+    Gamma: Array
+    polygons_m: tuple[Array, ...]
+    neighbours_m: Array
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """World, map, routes, reference and corridor of one run."""
+
+    name: str
+    bounds_m: tuple[float, float, float, float]
+    start_m: tuple[float, float]
+    goal_m: tuple[float, float]
+    altitude_m: float
+    vehicle_radius_m: float
+    obstacle_names: tuple[str, ...]
+    obstacles_m: tuple[Array, ...]  # rings (V, 2), not grown, counter-clockwise, no closing point
+    obstacle_heights_m: Array  # (n,), nan where unknown
+    grown_m: tuple[Array, ...]  # rings of the obstacles grown for planning
+    channel_map: ChannelMap
+    sandwich_m: Array  # (N, 2) A* on the mapped grid
+    sandwich_phi_psi: Array  # (N, 2) the same nodes in planning space
+    grid_astar_m: Array  # (N, 2) A* on the uniform motion-space grid, the paper's baseline
+    exact_m: Array  # (N, 2) exact shortest path
+    reference: Reference
+    corridor: Corridor
+    seconds: dict[str, float] = field(default_factory=dict)  # wall time of each stage; never part of a payload

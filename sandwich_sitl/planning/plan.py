@@ -1,0 +1,213 @@
+"""`plan_flight`: world and configuration in, `FlightPlan` out (paper, sections III and IV).
+
+grow -> channel map -> A* route -> time law -> reference and corridor, with the two baselines beside it
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sandwich_sitl.channels.build import build_channel_map
+from sandwich_sitl.channels.channel_map import ChannelMap
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.errors import InputError, NoRouteError
+from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_points
+from sandwich_sitl.planning.corridor import mended_corridor, neighbouring_quadrangle, paper_corridor
+from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
+from sandwich_sitl.planning.free_space import FreeSpace
+from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
+from sandwich_sitl.planning.search import astar
+from sandwich_sitl.planning.smoothing import smooth_route
+from sandwich_sitl.planning.time_law import climb, rest_to_rest
+from sandwich_sitl.world.grow import GrownWorld, grow
+from sandwich_sitl.world.world import World
+
+Array = NDArray[np.float64]
+
+_DETAIL = 0.1  # of a cell: outline details below this are smoothed outwards
+_KEPT_MARGIN = 0.6  # of the margin: what smoothing leaves between the reference and the radius-grown obstacles
+_CLIMB_MPS = 1.5
+_HALF_WIDTH_CELLS = 3.0  # how far a region may reach from its stretch of reference
+
+
+@dataclass(frozen=True)
+class Route:
+    """A* path on the mapped grid: points (n, 2) with start and goal, and the grid places (n - 2, 3) between them."""
+
+    points_m: Array
+    places: NDArray[np.int64]
+
+
+def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]) -> FlightPlan:
+    """Plan a whole flight; `on_stage` is told the name of each stage as it begins.
+
+    Raises `InputError` (start or goal outside the world or inside a grown obstacle), `NoRouteError` (not connected) and
+    `MapError` (the map or the corridor cannot be made safe).
+    """
+    planner = config.planner
+    on_stage("grow obstacles")
+    grown = grow(world, planner.vehicle_radius_m + planner.margin_m, _DETAIL * planner.cell_m)
+    _check_ends(config, grown)
+    on_stage("channel map")
+    channel_map = build_channel_map(grown, planner.cell_m, planner.min_rows, (config.start_m, config.goal_m))
+    on_stage("route")
+    start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
+    map_graph = build_map_graph(channel_map)
+    route = find_route(channel_map, map_graph, start, goal, grown.names)
+    on_stage("baselines")
+    free = FreeSpace(grown.rings_m(), grown.bounds_m)
+    regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
+    exact = exact_shortest_path(free, grown.rings_m(), start, goal)
+    on_stage("reference and corridor")
+    solid = grow(world, planner.vehicle_radius_m, _DETAIL * planner.cell_m)
+    reference, corridor = (
+        _paper_reference(config, channel_map, route)
+        if config.mode == "paper"
+        else _timed_reference(config, channel_map, route, list(solid.polygons))
+    )
+    return FlightPlan(
+        name=config.name,
+        bounds_m=world.bounds_m,
+        start_m=config.start_m,
+        goal_m=config.goal_m,
+        altitude_m=config.altitude_m,
+        vehicle_radius_m=planner.vehicle_radius_m,
+        obstacle_names=tuple(o.name for o in world.obstacles),
+        obstacles_m=tuple(
+            shapely.get_coordinates(shapely.orient_polygons(o.polygon).exterior)[:-1] for o in world.obstacles
+        ),
+        obstacle_heights_m=np.array(
+            [np.nan if o.height_m is None else o.height_m for o in world.obstacles], dtype=float
+        ),
+        grown_m=grown.rings_m(),
+        channel_map=channel_map,
+        sandwich_m=route.points_m,
+        sandwich_phi_psi=_planning_space(channel_map, route.places),
+        grid_astar_m=np.empty((0, 2)) if regular is None else regular,
+        exact_m=np.empty((0, 2)) if exact is None else exact,
+        reference=reference,
+        corridor=corridor,
+    )
+
+
+def find_route(
+    channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array, names: tuple[str, ...]
+) -> Route:
+    """A* from start to goal (2,), anywhere in mapped ground.
+
+    Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are not connected.
+    """
+    start_links, goal_links = links(map_graph, channel_map, start), links(map_graph, channel_map, goal)
+    for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
+        if not found:
+            raise InputError(
+                f"{key}: ({point[0]:g}, {point[1]:g}) lies in a pocket that no channel reaches; move it out of the pocket"
+            )
+    graph = map_graph.graph
+    path = astar(graph, start, start_links, goal, goal_links)
+    if path is None:
+        reached = graph.reachable([node for node, _ in start_links])
+        raise NoRouteError(
+            f"no route from start_m to goal_m: {_barrier_between(channel_map, map_graph, reached, names)} is in the way; "
+            "move start_m or goal_m, or reduce planner.margin_m"
+        )
+    return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
+
+
+def _check_ends(config: RunConfig, grown: GrownWorld) -> None:
+    x_min, y_min, x_max, y_max = grown.bounds_m
+    for key, (x, y) in (("start_m", config.start_m), ("goal_m", config.goal_m)):
+        if not (x_min <= x <= x_max and y_min <= y <= y_max):
+            raise InputError(f"{key}: ({x:g}, {y:g}) lies outside the world {list(grown.bounds_m)}; move it inside")
+        blocker = grown.blocker((x, y))
+        if blocker is not None:
+            reach = config.planner.vehicle_radius_m + config.planner.margin_m
+            raise InputError(
+                f"{key}: ({x:g}, {y:g}) lies inside obstacle '{blocker}' grown by {reach:g} m "
+                "(planner.vehicle_radius_m + planner.margin_m); move it further away"
+            )
+
+
+def _barrier_between(
+    channel_map: ChannelMap, map_graph: MapGraph, reached: NDArray[np.bool_], names: tuple[str, ...]
+) -> str:
+    """Name of the obstacle with reached ground on one side and unreached ground on the other."""
+    for d in range(channel_map.channels - 1):
+        below, above = map_graph.node[d][:, -1], map_graph.node[d + 1][:, 0]
+        split = channel_map.barred[d] & (reached[below] != reached[above])
+        if split.any():
+            index = int(channel_map.barrier[d, int(np.flatnonzero(split)[0])])
+            return f"obstacle '{names[index]}'" if index < len(names) else "a closed pocket"
+    return "the border of the world"
+
+
+def _planning_space(channel_map: ChannelMap, places: NDArray[np.int64]) -> Array:
+    rows = [channel_map.psi_rows(d) for d in range(channel_map.channels)]
+    return np.array([(channel_map.phi[i], rows[d][j]) for d, i, j in places], dtype=float).reshape(-1, 2)
+
+
+def _timed_reference(
+    config: RunConfig, channel_map: ChannelMap, route: Route, solid: list[shapely.Polygon]
+) -> tuple[Reference, Corridor]:
+    """Climb over the start, then the smoothed route under the configured limits; one mended region a route node."""
+    planner, dt = config.planner, 1.0 / config.mpc.rate_hz
+    kept = _KEPT_MARGIN * planner.margin_m
+    curve = smooth_route(route.points_m, shapely.union_all(solid), channel_map.bounds_m, planner.cell_m / 2, kept)
+    timed = rest_to_rest(curve, planner.speed_mps, planner.acceleration_mps2)
+    along = np.arange(0.0, timed.t_s[-1] + dt, dt)
+    up = climb(config.altitude_m, _CLIMB_MPS, planner.acceleration_mps2, dt)
+    xy = np.concatenate([np.tile(timed.xy_m[0], (len(up), 1)), timed.at(along)])
+    z = np.concatenate([up, np.full(len(along), config.altitude_m)])
+    places = _places(channel_map, route)
+    centres = np.array([channel_map.xy_m[d][i, j] for d, i, j in places])
+    region = _in_turn(xy, centres)
+    used, region = np.unique(region, return_inverse=True)
+    stretches = [
+        xy[max(0, int(at[0]) - 1) : int(at[-1]) + 2] for at in (np.flatnonzero(region == m) for m in range(len(used)))
+    ]
+    quadrangles = np.array([neighbouring_quadrangle(channel_map, places[m]) for m in used])
+    corridor = mended_corridor(quadrangles, stretches, solid, kept, _HALF_WIDTH_CELLS * planner.cell_m)
+    return Reference(np.arange(len(xy)) * dt, np.column_stack([xy, z]), region.astype(np.int64)), corridor
+
+
+def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -> tuple[Reference, Corridor]:
+    """One route node a step of `mpc.step_s`, the paper's raw quadrangles (notes N12)."""
+    step, dt = config.mpc.step_s, 1.0 / config.mpc.rate_hz
+    up = climb(config.altitude_m, _CLIMB_MPS, config.planner.acceleration_mps2, dt)
+    nodes_t = np.arange(len(route.points_m)) * step
+    along = np.arange(0.0, nodes_t[-1] + dt, dt)
+    xy = np.column_stack([np.interp(along, nodes_t, route.points_m[:, axis]) for axis in range(2)])
+    places = _places(channel_map, route)
+    quadrangles = np.array([neighbouring_quadrangle(channel_map, place) for place in places])
+    node = np.clip(np.rint(along / step).astype(np.int64), 0, len(places) - 1)
+    xyz = np.concatenate(
+        [
+            np.column_stack([np.tile(route.points_m[0], (len(up), 1)), up]),
+            np.column_stack([xy, np.full(len(xy), config.altitude_m)]),
+        ]
+    )
+    region = np.concatenate([np.zeros(len(up), dtype=np.int64), node])
+    return Reference(np.arange(len(xyz)) * dt, xyz, region), paper_corridor(quadrangles)
+
+
+def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]:
+    """Grid places (d, i, j) of the route's points; start and goal take the nearest corner of their cell."""
+    ends = []
+    for point in (route.points_m[0], route.points_m[-1]):
+        d, i, j = locate(channel_map, point)[0]
+        corners = [(d, i + a, j + b) for a in (0, 1) for b in (0, 1)]
+        ends.append(min(corners, key=lambda c: float(np.hypot(*(channel_map.xy_m[c[0]][c[1], c[2]] - point)))))
+    return [ends[0], *((int(d), int(i), int(j)) for d, i, j in route.places), ends[1]]
+
+
+def _in_turn(points: Array, centres: Array) -> NDArray[np.int64]:
+    """Index (n,) of the centre each point belongs to: the nearest within a window ahead of the last one, never going back."""
+    index, found = 0, np.empty(len(points), dtype=np.int64)
+    for k, point in enumerate(points):
+        window = centres[index : index + 6]
+        index += int(np.argmin(np.hypot(*(window - point).T)))
+        found[k] = index
+    return found

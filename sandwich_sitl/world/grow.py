@@ -1,0 +1,104 @@
+"""Obstacles grown by the vehicle: where a point may fly, the whole vehicle may.
+
+The vehicle is a disc in plan. Growing is the Minkowski sum with that disc, rounded outwards: mitred corners, cut off no
+nearer than 1.5 radii, keep the vertex count of the input and never leave out a point of the true sum. Shapes that then
+touch are united; ground that they enclose cannot be reached and is filled (its area is reported).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon, box
+from shapely.geometry.polygon import orient
+
+from sandwich_sitl.world.simplify import simplify_outwards
+from sandwich_sitl.world.world import World
+
+_MITRE_LIMIT = 1.5
+_SHORTEST_EDGE_M = 0.001  # shorter ones, left over from uniting shapes, are smoothed away; paid for by growing more
+_SEAL_M = 0.005  # gaps narrower than twice this between grown shapes are closed: they are thinner than any grid cell
+
+
+@dataclass(frozen=True)
+class GrownWorld:
+    """Disjoint simple polygons without holes inside the bounds, counter-clockwise, with the names of their sources."""
+
+    bounds_m: tuple[float, float, float, float]
+    polygons: tuple[Polygon, ...]
+    names: tuple[str, ...]
+    enclosed_area_m2: float
+
+    @property
+    def free_area_m2(self) -> float:
+        """Area of the bounds less the grown obstacles."""
+        x_min, y_min, x_max, y_max = self.bounds_m
+        return (x_max - x_min) * (y_max - y_min) - sum(polygon.area for polygon in self.polygons)
+
+    def rings_m(self) -> tuple[NDArray[np.float64], ...]:
+        """Vertices (V, 2) of each polygon, counter-clockwise, without closing point."""
+        return tuple(shapely.get_coordinates(polygon.exterior)[:-1] for polygon in self.polygons)
+
+    def blocker(self, point_m: tuple[float, float]) -> str | None:
+        """Name of the grown obstacle whose interior holds the point, or None."""
+        point = shapely.Point(point_m)
+        for polygon, name in zip(self.polygons, self.names, strict=True):
+            if polygon.contains(point):
+                return name
+        return None
+
+
+def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
+    """Grow every obstacle by `distance_m`; details below `detail_m` are smoothed, always outwards."""
+    if not world.obstacles:
+        return GrownWorld(world.bounds_m, (), (), 0.0)
+    reach = distance_m + 2 * _SHORTEST_EDGE_M
+    shapes = [o.polygon.buffer(reach, join_style="mitre", mitre_limit=_MITRE_LIMIT) for o in world.obstacles]
+    filled = _filled(_united(shapes))
+    simple = _filled(_united([simplify_outwards(polygon, detail_m) for polygon in filled]))
+    enclosed = sum(polygon.area for polygon in simple) - shapely.union_all(shapes).area
+    sealed = shapely.buffer(
+        shapely.union_all(simple).buffer(_SEAL_M, join_style="mitre", mitre_limit=_MITRE_LIMIT),
+        -_SEAL_M,
+        join_style="mitre",
+        mitre_limit=_MITRE_LIMIT,
+    )
+    frame = box(*world.bounds_m)
+    clipped = _without_border_slivers(shapely.intersection(sealed, frame), frame, detail_m).simplify(_SHORTEST_EDGE_M)
+    parts = [orient(part) for part in _filled(clipped) if part.area > 0]
+    return GrownWorld(
+        bounds_m=world.bounds_m,
+        polygons=tuple(parts),
+        names=tuple(_names(part, world) for part in parts),
+        enclosed_area_m2=max(0.0, float(enclosed)),
+    )
+
+
+def _without_border_slivers(obstacles: shapely.Geometry, frame: Polygon, width_m: float) -> shapely.Geometry:
+    """Free slivers along the border narrower than twice `width_m` join the obstacle: the border is no gap to fly through."""
+    outside = frame.buffer(3 * width_m, join_style="mitre").difference(frame)
+    solid = shapely.union_all([obstacles, outside])
+    mitre = {"join_style": "mitre", "mitre_limit": _MITRE_LIMIT}
+    closed = solid.buffer(width_m, **mitre).buffer(-width_m, **mitre).intersection(frame)
+    slivers = [part for part in _polygons(closed.difference(obstacles)) if part.intersection(frame.boundary).length > 0]
+    return shapely.union_all([obstacles, *slivers], grid_size=1e-6)
+
+
+def _united(shapes: list[Polygon]) -> Polygon | MultiPolygon:
+    united = shapely.union_all(shapes)
+    assert isinstance(united, Polygon | MultiPolygon)
+    return united
+
+
+def _polygons(geometry: shapely.Geometry) -> list[Polygon]:
+    return [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon)]
+
+
+def _filled(geometry: shapely.Geometry) -> list[Polygon]:
+    """The parts without their holes; a part inside a filled hole is dropped."""
+    return _polygons(shapely.union_all([Polygon(part.exterior) for part in _polygons(geometry)]))
+
+
+def _names(part: Polygon, world: World) -> str:
+    return "+".join(o.name for o in world.obstacles if o.polygon.intersects(part)) or "margin"
