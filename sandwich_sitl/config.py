@@ -1,7 +1,7 @@
 """One YAML file describes one run; here it becomes frozen dataclasses.
 
-Keys carry their units (`_m _mps _mps2 _rad _s _hz _deg`). Positions are ENU metres in the world's frame (x east, y north).
-Unknown keys, wrong types and values out of range raise `InputError` with file, line, key path and the fix.
+Keys carry their units (`_m _mps _mps2 _rad _s _hz _deg`). Positions are ENU metres in the world's frame (x east, y
+north). Unknown keys, wrong types and values out of range raise `InputError` with file, line, key path and the fix.
 
 The `vehicle` section belongs to the vehicle process, which reads it from the same file; here it stays a plain mapping,
 so that the offboard process needs nothing of the vehicle's to fly a real autopilot.
@@ -76,7 +76,8 @@ class MpcConfig:
     horizon_steps: Annotated[int, Field(ge=4, le=100)] = 20
     step_s: Positive = 0.1
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 4.0
-    observer_radps: Annotated[float, Field(gt=0, description="bandwidth of the state observer")] = 3.0
+    observer_radps: Annotated[float, Field(gt=0, description="bandwidth of the state observer")] = 1.0
+    delay_s: Annotated[float, Field(ge=0, le=0.5, description="from a set-point to the motion it asks for")] = 0.04
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -216,7 +217,7 @@ class YamlDocument:
         except UnicodeDecodeError as error:
             raise InputError(f"{path}: is not UTF-8 text; save it as UTF-8") from error
         try:
-            data = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - the loader is a SafeLoader
+            data = yaml.load(text, Loader=_UniqueKeyLoader)
             root = yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.MarkedYAMLError as error:
             line = error.problem_mark.line + 1 if error.problem_mark else 1

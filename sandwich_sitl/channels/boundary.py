@@ -1,8 +1,9 @@
 """Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them (paper, section III-C; notes N1-N4).
 
-All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its arc length along its
-wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from isotonic regression.
-Between two neighbouring fixed nodes Algorithm 1 spreads nodes uniformly along the arc. Both sides of a piece get the same number.
+All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its arc
+length along its wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from
+isotonic regression. Between two neighbouring fixed nodes Algorithm 1 spreads nodes uniformly along the arc. Both
+sides of a piece get the same number.
 """
 
 from collections.abc import Sequence

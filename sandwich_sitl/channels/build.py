@@ -1,11 +1,13 @@
 """From a grown world to a checked `ChannelMap` (paper, section III).
 
-classify -> lay dividing streamlines -> spread boundary nodes -> solve Eq. (ellipticpde) channel by channel -> mend folded cells -> check.
+classify -> lay dividing streamlines -> spread boundary nodes -> solve Eq. (ellipticpde) channel by channel -> mend
+folded cells -> check.
 
-Why the result is one-to-one: every corner of every wall is a node, so the outer edges of a channel's grid are exactly the channel's boundary;
-when all four corner Jacobians of every quad are positive, every quad is convex, and convex quads of one orientation
-that fill a simple boundary overlap nowhere. Then no grid edge or diagonal meets the inside of an obstacle either. Where a world's
-dead ends are too deep for that, they are closed, widest mouth last, and counted as lost ground; a map that still folds is refused.
+Why the result is one-to-one: every corner of every wall is a node, so the outer edges of a channel's grid are exactly
+the channel's boundary; when all four corner Jacobians of every quad are positive, every quad is convex, and convex
+quads of one orientation that fill a simple boundary overlap nowhere. Then no grid edge or diagonal meets the inside
+of an obstacle either. Where a world's dead ends are too deep for that, they are closed, widest mouth last, and
+counted as lost ground; a map that still folds is refused.
 """
 
 import itertools

@@ -1,9 +1,9 @@
 """`ChannelMap`: the mapping between motion space and planning space, as one frozen value.
 
-Source: paper, section III. Channel j (0-based) is a grid of m_phi x m_j nodes; node (i, j_row) of the planning space sits at
-`xy_m[i, j_row]` of the motion space (ENU, metres). Channels lie bottom to top. The top row of channel d and the bottom row of
-channel d + 1 are the two sides of dividing streamline d: the same points where it is free, two copies on the walls of an
-obstacle of group R_d, where crossing is barred (notes N3, N10).
+Source: paper, section III. Channel j (0-based) is a grid of m_phi x m_j nodes; node (i, j_row) of the planning space
+sits at `xy_m[i, j_row]` of the motion space (ENU, metres). Channels lie bottom to top. The top row of channel d and
+the bottom row of channel d + 1 are the two sides of dividing streamline d: the same points where it is free, two
+copies on the walls of an obstacle of group R_d, where crossing is barred (notes N3, N10).
 """
 
 from dataclasses import dataclass

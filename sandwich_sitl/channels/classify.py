@@ -1,8 +1,9 @@
 """Obstacles into groups R_1 .. R_{p-1}, automatically (the paper draws them by hand; notes N5, N6).
 
-Obstacles that touch the bottom or top border become part of that border. The others are ordered by "lies below at some x"
-on their vertical hulls; a level is the longest chain below, so no two obstacles of a level share an x, each level is a
-left-to-right chain, and the number of levels is the least possible. An obstacle with slack takes the level nearest its height.
+Obstacles that touch the bottom or top border become part of that border. The others are ordered by "lies below at
+some x" on their vertical hulls; a level is the longest chain below, so no two obstacles of a level share an x, each
+level is a left-to-right chain, and the number of levels is the least possible. An obstacle with slack takes the level
+nearest its height.
 """
 
 from dataclasses import dataclass, replace
@@ -69,13 +70,10 @@ def _tipped(barriers: list[Barrier], inner: set[int], bounds: tuple[float, float
         for left, border in ((True, bounds[0]), (False, bounds[2])):
             at_border = (ring[:, 0] == border).any()
             tips.append(None if at_border else place_tip(barrier.ring_m, left=left, others=others))
-        edges = [ring_edges(ring)]
-        for tip in tips:
-            if tip is not None:
-                edges.append(tip.edges(ring[ring[:, 0] == tip.x_end_m][0]))
+        ways_out = [tip.edges(ring[ring[:, 0] == tip.x_end_m][0]) for tip in tips if tip is not None]
         for tip in tips:
             ring = ring if tip is None else insert_vertex(ring, tip.point_m)
-        hull = vertical_hull(np.concatenate(edges))
+        hull = vertical_hull(np.concatenate([ring_edges(barrier.ring_m), *ways_out]))
         taken[k] = hull.polygon()
         tipped.append(replace(barrier, ring_m=ring, hull=hull, left_tip=tips[0], right_tip=tips[1]))
     return tipped

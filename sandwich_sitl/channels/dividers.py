@@ -1,11 +1,13 @@
 """Dividing streamlines: smooth, evenly spaced curves that carry each group of obstacles (paper, section III-A; notes N6).
 
-Streamline d is a function y = d(x) wherever it is free; it ends at the tips of the obstacles of its group. At every column (a uniform
-grid and every x at which a hull has a vertex) the streamlines keep their order and stay off the hulls of the other groups,
-by at least a share of the gap that equal spacing would give them. Between columns everything is linear, so what holds at the
-columns holds everywhere. Among all such curves a convex QP takes the one of least bending and least departure from equal spacing.
+Streamline d is a function y = d(x) wherever it is free; it ends at the tips of the obstacles of its group. At every
+column (a uniform grid and every x at which a hull has a vertex) the streamlines keep their order and stay off the
+hulls of the other groups, by at least a share of the gap that equal spacing would give them. Between columns
+everything is linear, so what holds at the columns holds everywhere. Among all such curves a convex QP takes the one
+of least bending and least departure from equal spacing.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +82,7 @@ def _smooth(
     bounds: tuple[float, float, float, float],
 ) -> Array:
     """y (p - 1, n) of the dividing streamlines; on barrier columns the value is that of the tip or without meaning."""
-    levels, n = low.shape
+    levels = len(low)
     even, gap = _even_spacing(low, high)
     y = even.copy()
     if levels > 2:
@@ -107,7 +109,7 @@ def _even_spacing(low: Array, high: Array) -> tuple[Array, Array]:
     y, gap = np.where(np.isnan(low), 0.0, low), np.zeros((levels - 1, n))
     for column in range(n):
         fixed = np.flatnonzero(~np.isnan(low[:, column]))
-        for a, b in zip(fixed[:-1], fixed[1:], strict=True):
+        for a, b in itertools.pairwise(fixed):
             share = (low[b, column] - high[a, column]) / (b - a)
             gap[a:b, column] = share
             y[a + 1 : b, column] = high[a, column] + share * np.arange(1, b - a)

@@ -2,10 +2,10 @@
 
     a x_phiphi - 2 b x_phipsi + c x_psipsi = 0,   a = x_psi^2 + y_psi^2,  b = x_phi x_psi + y_phi y_psi,  c = x_phi^2 + y_phi^2
 
-and the same for y. Unit spacing in phi and psi: each term carries 1 / (dphi^2 dpsi^2), so the spacing drops out. Central differences,
-the coefficients frozen from the last iterate (Picard), one sparse LU for x and y together. The start is linear interpolation between
-the bottom and the top side. `residual` measures how far a grid is from solving the equation; `channels.untangle` mends what
-the discretisation folds (notes N8).
+and the same for y. Unit spacing in phi and psi: each term carries 1 / (dphi^2 dpsi^2), so the spacing drops out.
+Central differences, the coefficients frozen from the last iterate (Picard), one sparse LU for x and y together. The
+start is linear interpolation between the bottom and the top side. `residual` measures how far a grid is from solving
+the equation; `channels.untangle` mends what the discretisation folds (notes N8).
 """
 
 from dataclasses import dataclass
@@ -37,15 +37,12 @@ def interpolate(bottom: Array, top: Array, rows: int) -> Array:
 
 def solve_elliptic(start: Array, tolerance_m: float) -> EllipticGrid:
     """Iterate from `start` (m_phi, m_j, 2), whose outer nodes are the boundary values, until no node moves `tolerance_m`."""
-    xy = start.copy()
-    move = np.inf
-    for iteration in range(1, _MOST_ITERATIONS + 1):
+    xy, move, iterations = start, np.inf, 0
+    while move >= tolerance_m and iterations < _MOST_ITERATIONS:
         solved = _picard_step(xy)
         move = float(np.abs(solved - xy).max())
-        xy = solved
-        if move < tolerance_m:
-            break
-    return EllipticGrid(xy, iteration, move)
+        xy, iterations = solved, iterations + 1
+    return EllipticGrid(xy, iterations, move)
 
 
 def residual(xy: Array) -> Array:

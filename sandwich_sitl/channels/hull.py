@@ -1,10 +1,11 @@
 """Vertical hulls: the smallest vertically convex cover of a shape, as upper and lower envelopes over x.
 
-Source: notes N6. For disjoint vertically convex shapes the relation "lies below at some x" has no cycle, so obstacles can be
-levelled into groups. An envelope is piecewise linear between the x of the shape's vertices; at a vertical edge it is
-the closed shape's extent.
+Source: notes N6. For disjoint vertically convex shapes the relation "lies below at some x" has no cycle, so obstacles
+can be levelled into groups. An envelope is piecewise linear between the x of the shape's vertices; at a vertical edge
+it is the closed shape's extent.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +83,7 @@ def vertical_hull(edges: Array, floor: float | None = None, ceiling: float | Non
     x = np.unique(edges[:, :, 0])
     x = x[np.concatenate([[True], np.diff(x) > 1e-9 * max(1.0, x[-1] - x[0])])]
     columns = []
-    for x0, x1 in zip(x[:-1], x[1:], strict=True):
+    for x0, x1 in itertools.pairwise(x):
         middle = (x0 + x1) / 2
         spanning = edges[(edges[:, 0, 0] < middle) & (edges[:, 1, 0] > middle)]
         at_left, at_middle, at_right = (_height(spanning, position) for position in (x0, middle, x1))

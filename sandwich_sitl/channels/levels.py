@@ -1,8 +1,9 @@
 """Levels: which group each barrier belongs to (notes N6).
 
-"Lies below at some x" on disjoint vertical hulls has no cycle. The longest chain below a barrier is its least level, so the number of
-levels is the longest chain of the world, the least possible. Barriers with slack then move to the level whose chain they
-fit best: the sum of the height steps along all chains is lowered one barrier at a time until no move helps.
+"Lies below at some x" on disjoint vertical hulls has no cycle. The longest chain below a barrier is its least level,
+so the number of levels is the longest chain of the world, the least possible. Barriers with slack then move to the
+level whose chain they fit best: the sum of the height steps along all chains is lowered one barrier at a time until
+no move helps.
 """
 
 import numpy as np

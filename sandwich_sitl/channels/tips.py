@@ -1,8 +1,9 @@
 """Tips: where a dividing streamline meets a barrier and where it leaves it (notes N3).
 
-The left tip lies in the middle of the barrier's left face: the run of steep edges round its leftmost vertex. From there the
-streamline leaves horizontally to the x of the leftmost vertex; the sliver between that line and the face then belongs to neither
-neighbour's way, so the barrier's hull takes it in. Where another hull is in the way the leftmost vertex itself is the tip.
+The left tip lies in the middle of the barrier's left face: the run of steep edges round its leftmost vertex. From
+there the streamline leaves horizontally to the x of the leftmost vertex; the sliver between that line and the face
+then belongs to neither neighbour's way, so the barrier's hull takes it in. Where another hull is in the way the
+leftmost vertex itself is the tip.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,14 @@
 """Mending folded cells: a patch of interior nodes moves until every corner Jacobian in it is positive.
 
-Source: the regularised Jacobian energy of Garanzha et al., "Foldover-free maps in 50 lines of code" (2021; notes N8). Each corner of each
-quad is a triangle with Jacobian J = [e_phi / h_phi, e_psi / h_psi] against a wanted edge length, D = det J, and costs
+Source: the regularised Jacobian energy of Garanzha et al., "Foldover-free maps in 50 lines of code" (2021; notes N8).
+Each corner of each quad is a triangle with Jacobian J = [e_phi / h_phi, e_psi / h_psi] against a wanted edge length,
+D = det J, and costs
 
     E = (|J|^2 + lambda (D^2 + 1)) / chi(D),    chi(D) = (D + sqrt(eps^2 + D^2)) / 2,
 
-which grows without bound as D falls to zero once eps is small; eps follows the worst D. Four positive corners make a quad convex, and
-convex quads whose outer edges are the channel's boundary tile the channel: that is why the check of corners suffices.
+which grows without bound as D falls to zero once eps is small; eps follows the worst D. Four positive corners make a
+quad convex, and convex quads whose outer edges are the channel's boundary tile the channel: that is why the check of
+corners suffices.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """The two sides of a barrier: its ring cut at the left and the right end into a lower and an upper wall.
 
-A dividing streamline arrives at the left tip, splits, and joins again at the right tip (paper, Fig. BoundaryMapping; notes N3).
-A barrier on the left or right border has no tip there: its walls begin or end at the border, apart from each other. A barrier
-on the bottom border has an upper wall only, one on the top border a lower wall only.
+A dividing streamline arrives at the left tip, splits, and joins again at the right tip (paper, Fig. BoundaryMapping;
+notes N3). A barrier on the left or right border has no tip there: its walls begin or end at the border, apart from
+each other. A barrier on the bottom border has an upper wall only, one on the top border a lower wall only.
 """
 
 from dataclasses import dataclass

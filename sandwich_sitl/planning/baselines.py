@@ -1,6 +1,7 @@
 """What the mapped route is measured against: the paper's A* on a uniform grid, and the exact shortest path.
 
-Notes N11: an 8-connected grid costs up to 8.24 % over the straight line, so a gain over it says little without the exact optimum beside it.
+Notes N11: an 8-connected grid costs up to 8.24 % over the straight line, so a gain over it says little without the
+exact optimum beside it.
 """
 
 import numpy as np
@@ -37,7 +38,7 @@ def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array 
     edges = edges[~free.blocked(xy[edges[:, 0]], xy[edges[:, 1]])]
     graph = Graph.from_edges(xy, edges)
     reach = 2.0 * float(np.hypot(x[1] - x[0], y[1] - y[0]))
-    found = astar(graph, start, _visible(free, xy, start, reach), goal, _visible(free, xy, goal, reach))
+    found = astar(graph, _visible(free, xy, start, reach), goal, _visible(free, xy, goal, reach))
     return None if found is None else path_points(graph, found, start, goal)
 
 
@@ -56,7 +57,7 @@ def exact_shortest_path(free: FreeSpace, rings: tuple[Array, ...], start: Array,
     start_links = _visible(free, corners, start, np.inf)
     if not free.blocked(start[None], goal[None])[0]:
         return np.stack([start, goal])
-    found = astar(graph, start, start_links, goal, _visible(free, corners, goal, np.inf))
+    found = astar(graph, start_links, goal, _visible(free, corners, goal, np.inf))
     return None if found is None else path_points(graph, found, start, goal)
 
 

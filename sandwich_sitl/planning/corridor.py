@@ -1,10 +1,12 @@
-"""Convex regions along the route: the paper's neighbouring quadrangles, mended where they fail (paper, section V-A; notes N17).
+"""Convex regions along the route: the paper's neighbouring quadrangles, mended where they fail (paper, section V-A;
+notes N17).
 
-The quadrangle of node (i, j) has the corners (i-1, j-1), (i+1, j-1), (i+1, j+1), (i-1, j+1); its four sides, counter-clockwise, are half-planes
-Lambda [x, y] <= Gamma. It may be non-convex, may miss the reference, its sides may cut an obstacle, and at walls and borders some corners do not
-exist. Mending: each half-plane moves outwards until the stretch of reference that belongs to the node lies inside with a
-margin; then, while the region meets an obstacle grown by the vehicle's radius, the half-plane that separates the nearest such piece from the
-stretch is added. A region therefore always holds its stretch and meets no grown obstacle: both by exact geometry.
+The quadrangle of node (i, j) has the corners (i-1, j-1), (i+1, j-1), (i+1, j+1), (i-1, j+1); its four sides, counter-
+clockwise, are half-planes Lambda [x, y] <= Gamma. It may be non-convex, may miss the reference, its sides may cut an
+obstacle, and at walls and borders some corners do not exist. Mending: each half-plane moves outwards until the
+stretch of reference that belongs to the node lies inside with a margin; then, while the region meets an obstacle
+grown by the vehicle's radius, the half-plane that separates the nearest such piece from the stretch is added. A
+region therefore always holds its stretch and meets no grown obstacle: both by exact geometry.
 """
 
 import numpy as np
@@ -59,7 +61,7 @@ def _row_above(channel_map: ChannelMap, d: int, i: int, j: int, node_i: int) -> 
 def paper_corridor(quadrangles: Array) -> Corridor:
     """The quadrangles (M, 4, 2) as they are: Lambda, Gamma of the paper with rows scaled to unit length."""
     regions = [_sides(quadrangle) or [(np.zeros(2), 0.0)] for quadrangle in quadrangles]
-    return _stacked(regions, [quadrangle for quadrangle in quadrangles], quadrangles)
+    return _stacked(regions, list(quadrangles), quadrangles)
 
 
 def mended_corridor(

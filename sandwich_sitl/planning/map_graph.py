@@ -1,7 +1,8 @@
 """The mapped grid as a graph: 8 neighbours inside each channel, channels joined where their dividing streamline is free.
 
-Source: paper, section IV; notes N10. The two sides of an obstacle wall are different nodes and get no link, which is the
-paper's ban on crossing barred nodes; tips belong to both channels. Cells are convex, so every edge and diagonal stays in free ground.
+Source: paper, section IV; notes N10. The two sides of an obstacle wall are different nodes and get no link, which is
+the paper's ban on crossing barred nodes; tips belong to both channels. Cells are convex, so every edge and diagonal
+stays in free ground.
 """
 
 from dataclasses import dataclass

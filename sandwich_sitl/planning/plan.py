@@ -107,7 +107,7 @@ def find_route(
                 f"{key}: ({point[0]:g}, {point[1]:g}) lies in a pocket that no channel reaches; move it out of the pocket"
             )
     graph = map_graph.graph
-    path = astar(graph, start, start_links, goal, goal_links)
+    path = astar(graph, start_links, goal, goal_links)
     if path is None:
         reached = graph.reachable([node for node, _ in start_links])
         raise NoRouteError(

@@ -1,7 +1,7 @@
 """A* over an explicit graph with straight-line costs: the one search behind both the mapped grid and the paper's baseline.
 
-Cost of an edge is its length in motion space (the paper's geodesic nodal distance), the heuristic the straight line to the goal: admissible
-and consistent, so the path is a shortest one of the graph.
+Cost of an edge is its length in motion space (the paper's geodesic nodal distance), the heuristic the straight line
+to the goal: admissible and consistent, so the path is a shortest one of the graph.
 """
 
 import heapq
@@ -55,8 +55,8 @@ class FoundPath:
     expanded: int
 
 
-def astar(graph: Graph, start: Array, start_links: Links, goal: Array, goal_links: Links) -> FoundPath | None:
-    """Shortest path from `start` to `goal` (each (2,), joined to the graph by its links), or None when there is none."""
+def astar(graph: Graph, start_links: Links, goal: Array, goal_links: Links) -> FoundPath | None:
+    """Shortest path between two points joined to the graph by their links, or None; `goal` (2,) is where the heuristic aims."""
     x, y = graph.xy_m[:, 0].tolist(), graph.xy_m[:, 1].tolist()
     first, neighbour, length = graph.first.tolist(), graph.neighbour.tolist(), graph.length_m.tolist()
     to_goal = dict(goal_links)

@@ -1,8 +1,9 @@
 """A flyable curve near the A* route: it stays inside a tube of proven clearance and bends as little as it can.
 
-The route is resampled; each sample p_k may move inside the box |q_k - p_k| <= delta_k with delta_k = (c_k - c_min) / sqrt(2), where c_k is its
-distance to the obstacles grown by the vehicle's radius. So every q_k keeps at least c_min. Among those a QP takes the points of least
-sum of squared first, second and third differences: short, straight, smooth.
+The route is resampled; each sample p_k may move inside the box |q_k - p_k| <= delta_k with delta_k = (c_k - c_min) /
+sqrt(2), where c_k is its distance to the obstacles grown by the vehicle's radius. So every q_k keeps at least c_min.
+Among those a QP takes the points of least sum of squared first, second and third differences: short, straight,
+smooth.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
 """A time law along a curve under limits on speed and acceleration (notes N12).
 
-Speed is limited by v_max and by the curve (v^2 kappa <= a_max / sqrt 2); a forward and a backward pass limit its slope (v dv/ds <= a_max / sqrt 2); a
-moving average in time, which keeps ends and order, makes the acceleration continuous. Last, time is stretched by whatever
-factor the sampled motion still exceeds a limit, so that the limits hold by measurement, not by construction.
+Speed is limited by v_max and by the curve (v^2 kappa <= a_max / sqrt 2); a forward and a backward pass limit its
+slope (v dv/ds <= a_max / sqrt 2); a moving average in time, which keeps ends and order, makes the acceleration
+continuous. Last, time is stretched by whatever factor the sampled motion still exceeds a limit, so that the limits
+hold by measurement, not by construction.
 """
 
 from dataclasses import dataclass

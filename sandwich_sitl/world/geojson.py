@@ -1,7 +1,7 @@
 """GeoJSON (RFC 7946: longitude, latitude on WGS84) to a `World` in local ENU metres.
 
-The projection is the ENU tangent plane at the origin (pymap3d), height 0; over a kilometre it bends by 8 cm in height and
-less than a millimetre in plan.
+The projection is the ENU tangent plane at the origin (pymap3d), height 0; over a kilometre it bends by 8 cm in height
+and less than a millimetre in plan.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Dead ends: free ground that leads nowhere, behind a mouth narrower than a given width.
 
-Free ground is opened with a disc (erode, dilate). What the opening removes are necks. A piece of opened ground that hangs on a single
-neck, or a neck with a single mouth, is a dead end; a neck with two mouths is a passage and stays.
+Free ground is opened with a disc (erode, dilate). What the opening removes are necks. A piece of opened ground that
+hangs on a single neck, or a neck with a single mouth, is a dead end; a neck with two mouths is a passage and stays.
 """
 
 from dataclasses import replace

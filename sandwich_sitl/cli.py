@@ -1,0 +1,194 @@
+"""`sandwich-sitl`: run, plan, offboard, replay, config.
+
+Exit status: 0 done; 1 safety violation or a failed viewer; 2 bad input; 3 no route; 4 map refused; 5 vehicle lost; 6
+mission not flown as planned; 130 interrupted.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+# One BLAS thread: these matrices are small, and a second thread only spins on a core that the vehicle needs.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import yaml  # noqa: E402
+
+from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config  # noqa: E402
+from sandwich_sitl.errors import InputError, SandwichError  # noqa: E402
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse the command line, do it, return the exit status."""
+    arguments = _parser().parse_args(argv)
+    try:
+        status: int = arguments.action(arguments)
+    except SandwichError as error:
+        print(f"sandwich-sitl: {error}", file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print("sandwich-sitl: interrupted", file=sys.stderr)
+        return 130
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="sandwich-sitl", description="Plan, fly and replay over MAVLink.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run = _command(commands, "run", _run, "plan, start the vehicle, fly, log and summarise")
+    run.add_argument("--live", action="store_true", help="show the flight in Rerun while it is flown")
+    offboard = _command(commands, "offboard", _offboard, "fly a vehicle that is already there")
+    offboard.add_argument(
+        "--connect", metavar="URI", help="udpin://, udpout://, tcp://HOST:PORT or serial://DEVICE:BAUD"
+    )
+    _command(commands, "plan", _plan, "compute map and route alone, print lengths, draw them")
+    replay = commands.add_parser("replay", help="show a run's log in Rerun")
+    replay.add_argument("log", type=Path, metavar="RUN.mcap")
+    replay.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a Rerun file instead of opening a window")
+    replay.set_defaults(action=_replay)
+    config = commands.add_parser("config", help="check a configuration, or print the JSON Schema")
+    config.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="check it and print it with its defaults"
+    )
+    config.add_argument("--schema", action="store_true", help="print the JSON Schema of a run's YAML file")
+    config.set_defaults(action=_config)
+    return parser
+
+
+def _command(commands: Any, name: str, action: Any, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text)
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: runs/NAME-TIME)")
+    parser.add_argument("--clock", choices=("realtime", "lockstep"), help="override clock.mode")
+    parser.add_argument("--speed", type=float, metavar="X", help="override clock.speed")
+    parser.add_argument("--seed", type=int, metavar="N", help="override seed")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override any key, such as mode=paper"
+    )
+    parser.set_defaults(action=action)
+    return parser
+
+
+def _loaded(arguments: argparse.Namespace) -> RunConfig:
+    overrides: dict[str, Any] = {}
+    for item in arguments.set:
+        key, separator, text = item.partition("=")
+        if not separator or not key:
+            raise InputError(f"--set {item}: must be KEY=VALUE, such as planner.cell_m=0.5")
+        try:
+            overrides[key] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"--set {item}: the value is not valid YAML") from error
+    named = {"clock.mode": arguments.clock, "clock.speed": arguments.speed, "seed": arguments.seed}
+    overrides |= {key: value for key, value in named.items() if value is not None}
+    return load_config(arguments.config, overrides)
+
+
+def _out(arguments: argparse.Namespace, config: RunConfig) -> Path:
+    out: Path = arguments.out or Path("runs") / f"{config.name}-{datetime.now():%Y%m%d-%H%M%S}"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be created ({error.strerror})") from error
+    return out
+
+
+class _StopRequests:
+    """Counts SIGINT and SIGTERM: the first one brakes, holds and lands, the second one lands at once."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def __call__(self) -> int:
+        return self._count
+
+    def _on_signal(self, _number: int, _frame: object) -> None:
+        self._count += 1
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.launcher import run
+    from sandwich_sitl.progress import Progress
+    from sandwich_sitl.recording.summary import format_summary
+
+    config = _loaded(arguments)
+    out = _out(arguments, config)
+    with Progress() as progress:
+        result = run(config, arguments.config, out, progress, _StopRequests(), arguments.live)
+    print(format_summary(result.summary))
+    print(f"log      {out / 'run.mcap'} (show it: sandwich-sitl replay {out / 'run.mcap'})")
+    return result.exit_status
+
+
+def _offboard(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.launcher import conclude_offboard, make_plan, offboard
+    from sandwich_sitl.progress import Progress
+    from sandwich_sitl.recording.summary import format_summary
+
+    if arguments.connect is not None:
+        arguments.set.append(f"link.uri={arguments.connect}")
+    config = _loaded(arguments)
+    out = _out(arguments, config)
+    with Progress() as progress:
+        plan = make_plan(config, arguments.config, progress)
+        flown = offboard(config, plan, out / "offboard.mcap", progress, _StopRequests())
+        result = conclude_offboard(out / "offboard.mcap", out, flown, progress)
+    print(format_summary(result.summary))
+    print(f"log      {out / 'run.mcap'}")
+    return result.exit_status
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.channels.map_file import save_map
+    from sandwich_sitl.launcher import make_plan
+    from sandwich_sitl.plan_report import plan_report
+    from sandwich_sitl.progress import Progress
+    from sandwich_sitl.recording.plan_file import plan_bytes
+    from sandwich_sitl.viewing.plan_picture import draw_plan
+
+    config = _loaded(arguments)
+    out = _out(arguments, config)
+    with Progress() as progress:
+        plan = make_plan(config, arguments.config, progress)
+        progress.stage("picture")
+        draw_plan(plan, out / "plan.png")
+    save_map(plan.channel_map, out / "map.npz")
+    (out / "plan.npz").write_bytes(plan_bytes(plan))
+    print(plan_report(plan))
+    print(f"picture   {out / 'plan.png'}")
+    return 0
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.viewing.replay import replay
+
+    replay(arguments.log, arguments.save)
+    return 0
+
+
+def _config(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.launcher import check_vehicle_section, whole_schema
+    from sandwich_sitl.world.load import load_world
+
+    if arguments.schema:
+        print(json.dumps(whole_schema(config_schema()), indent=2))
+        return 0
+    if arguments.config is None:
+        raise InputError("config: give CONFIG to check, or --schema")
+    config = load_config(arguments.config)
+    check_vehicle_section(config, arguments.config)
+    load_world(config.world, arguments.config)
+    print(yaml.safe_dump(config_as_dict(config), sort_keys=False), end="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

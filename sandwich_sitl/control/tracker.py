@@ -1,0 +1,73 @@
+"""`Tracker`: one control tick from reference, corridor and telemetry to a set-point (paper, section V)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandwich_sitl.config import MpcConfig
+from sandwich_sitl.control.mpc import Mpc, MpcSolution
+from sandwich_sitl.control.observer import Observer
+from sandwich_sitl.planning.corridor import FACES
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Result of one tick: the state (12,) to command at its end, the snap (3,) that leads there, and the solver's answer.
+
+    `desired_m` (3,) is the reference and `region` its corridor index at the time of the set-point.
+    """
+
+    setpoint: Array
+    snap: Array
+    desired_m: Array
+    region: int
+    solution: MpcSolution
+
+
+class Tracker:
+    """Tracks a reference from its first sample on; the vehicle is taken to be at rest at `r_m` (3,) then."""
+
+    def __init__(self, config: MpcConfig, mode: str, reference: Reference, corridor: Corridor, r_m: Array) -> None:
+        self._reference, self._corridor = reference, corridor
+        self._period_s, self._delay_s = 1.0 / config.rate_hz, config.delay_s
+        self._mpc = Mpc(
+            config.horizon_steps,
+            config.step_s,
+            "euler" if mode == "paper" else "zoh",
+            config.bandwidth_radps,
+            FACES,
+        )
+        self._ahead = np.arange(1, config.horizon_steps + 1) * config.step_s
+        self.observer = Observer(self._period_s, config.observer_radps, r_m)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the reference."""
+        return float(self._reference.t_s[-1])
+
+    def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
+        """Tick at reference time `t_s` with the measured position and velocity (3,), `age_s` old.
+
+        What is commanded now is flown `delay_s` later, so the observer's state and the plan live that much in the future.
+        """
+        t_s = t_s + self._delay_s
+        self.observer.correct(r_m, v_mps, age_s + self._delay_s)
+        desired, region = self._sample(t_s + self._ahead)
+        solution = self._mpc.solve(
+            self.observer.x, desired, self._corridor.Lambda[region], self._corridor.Gamma[region]
+        )
+        setpoint = self.observer.advance(solution.snap[0]).copy()
+        now, now_region = self._sample(np.array([t_s + self._period_s]))
+        return Tick(setpoint, solution.snap[0], now[0], int(now_region[0]), solution)
+
+    def _sample(self, t_s: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Desired positions (n, 3) and regions (n,) at times (n,), held at the end."""
+        at = np.clip(t_s / self._period_s, 0.0, len(self._reference.t_s) - 1)
+        below = np.minimum(at.astype(np.int64), len(self._reference.t_s) - 2)
+        share = (at - below)[:, None]
+        xyz = self._reference.xyz_m
+        return (1 - share) * xyz[below] + share * xyz[below + 1], self._reference.region[np.rint(at).astype(np.int64)]

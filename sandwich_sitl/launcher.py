@@ -1,0 +1,208 @@
+"""`run`: plan, start the vehicle beside the offboard process, fly, merge both logs, write the summary.
+
+Of the offboard side only this module knows that there is a vehicle program; it starts it as a process and validates
+its section of the configuration. Everything between the two goes over MAVLink.
+"""
+
+import dataclasses
+import json
+import platform
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from sandwich_sitl.config import RunConfig, config_as_dict
+from sandwich_sitl.errors import InputError, LinkError
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.progress import Progress
+from sandwich_sitl.recording.merge import merge_logs
+from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.recorder import RunRecorder
+from sandwich_sitl.recording.streams import DebugStreams
+from sandwich_sitl.recording.summary import summarise
+from sandwich_sitl.run import FlightResult, Observers, fly
+from sandwich_sitl.viewing.live import live_command
+from sandwich_sitl.world.load import load_world
+from vehicle_sim.config import parse_vehicle_section, vehicle_schema
+from vehicle_sim.errors import VehicleError
+
+_VEHICLE_START_S = 20.0
+_VEHICLE_STOP_S = 5.0
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """Exit status and the summary that was written."""
+
+    exit_status: int
+    summary: dict[str, Any]
+
+
+def check_vehicle_section(config: RunConfig, config_path: Path) -> None:
+    """Raise `InputError` when the `vehicle` section is not one the vehicle would accept."""
+    try:
+        parse_vehicle_section(config.vehicle, str(config_path))
+    except VehicleError as error:
+        raise InputError(str(error)) from error
+
+
+def whole_schema(offboard_schema: dict[str, Any]) -> dict[str, Any]:
+    """The run file's JSON Schema with the vehicle's section in its place."""
+    vehicle = vehicle_schema()
+    definitions = {**offboard_schema.get("$defs", {}), **vehicle.pop("$defs", {})}
+    properties = {**offboard_schema["properties"], "vehicle": vehicle}
+    return {**offboard_schema, "properties": properties, "$defs": definitions}
+
+
+def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> FlightPlan:
+    """Plan with the wall time of each stage noted. Errors name the configuration file."""
+    world = load_world(config.world, config_path)
+    stages: list[tuple[str, float]] = []
+
+    def on_stage(name: str) -> None:
+        stages.append((name, time.perf_counter()))
+        progress.stage(name)
+
+    try:
+        plan = plan_flight(config, world, on_stage)
+    except InputError as error:
+        raise InputError(f"{config_path}: {error}") from error
+    ends = [began for _, began in stages[1:]] + [time.perf_counter()]
+    return dataclasses.replace(
+        plan, seconds={name: end - began for (name, began), end in zip(stages, ends, strict=True)}
+    )
+
+
+def run(
+    config: RunConfig, config_path: Path, out: Path, progress: Progress, stop: Callable[[], int], live: bool
+) -> RunResult:
+    """One whole run into the directory `out`: `plan`, both logs, `run.mcap`, `summary.json`."""
+    check_vehicle_section(config, config_path)
+    out.mkdir(parents=True, exist_ok=True)
+    plan = make_plan(config, config_path, progress)
+    vehicle_log = out / "vehicle.mcap"
+    vehicle = _start_vehicle(config, config_path, vehicle_log)
+    viewer = subprocess.Popen(live_command(config.zenoh)) if live else None
+    try:
+        result = offboard(config, plan, out / "offboard.mcap", progress, stop)
+    finally:
+        _stop(vehicle)
+        if viewer is not None:
+            viewer.terminate()
+    return _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
+
+
+def offboard(
+    config: RunConfig, plan: FlightPlan, log_path: Path, progress: Progress, stop: Callable[[], int]
+) -> FlightResult:
+    """Fly `plan` over the configured link, recording into `log_path`."""
+    data = config_as_dict(config)
+    about = {
+        "name": config.name,
+        "seed": str(config.seed),
+        "clock": config.clock.mode,
+        "speed": str(config.clock.speed),
+        "mode": config.mode,
+        "config": json.dumps(data),
+        "versions": json.dumps(_versions()),
+    }
+    streams = DebugStreams.open(config.zenoh, process="offboard", params_json=json.dumps(data))
+    if streams.problem is not None:
+        progress.note(streams.problem)
+    with streams, RunRecorder(log_path, flush_s=config.logging.flush_s, metadata=about, streams=streams) as recorder:
+        recorder.plan(0.0, plan)
+        result = fly(config, plan, Observers(recorder, progress.flight), stop)
+        recorder.metadata(
+            "result",
+            {
+                "outcome": str(result.outcome.outcome),
+                "reason": result.outcome.reason,
+                "wall_seconds": f"{result.wall_seconds:.3f}",
+                "late_ticks": str(result.link.late_ticks),
+                "retries": str(result.link.retries),
+            },
+        )
+        if recorder.problem is not None:
+            progress.note(recorder.problem)
+    return result
+
+
+def conclude_offboard(log_path: Path, out: Path, result: FlightResult, progress: Progress) -> RunResult:
+    """Summary of a flight against a vehicle that is not ours: there is no truth, so its numbers are None."""
+    return _conclude([log_path], out, result, progress)
+
+
+def _conclude(logs: Sequence[Path], out: Path, result: FlightResult, progress: Progress) -> RunResult:
+    merged = out / "run.mcap"
+    for problem in merge_logs([path for path in logs if path.exists()], merged):
+        progress.note(problem)
+    log = RunLog.read(merged)
+    summary = summarise(log)
+    violation = _violation(summary, log.plan)
+    status = result.outcome.exit_status
+    if violation is not None and status == 0:
+        status, summary["reason"] = 1, violation
+    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return RunResult(status, summary)
+
+
+def _violation(summary: dict[str, Any], plan: FlightPlan | None) -> str | None:
+    clearance = summary["flight"]["min_clearance_m"]
+    if clearance is None or plan is None or clearance >= plan.vehicle_radius_m:
+        return None
+    return f"safety violation: passed {clearance:.3f} m from an obstacle, the vehicle's radius is {plan.vehicle_radius_m:g} m"
+
+
+def _start_vehicle(config: RunConfig, config_path: Path, log_path: Path) -> subprocess.Popen[str]:
+    """Start `vehicle-sim` on the port that the offboard process will listen on, and wait until it is bound."""
+    scheme, _, address = config.link.uri.partition("://")
+    if scheme != "udpin":
+        raise InputError(
+            f"{config_path}: link.uri: {config.link.uri}: `run` starts the vehicle itself and needs udpin://HOST:PORT; "
+            "use `sandwich-sitl offboard` to fly a vehicle that is already there"
+        )
+    host, _, port = address.rpartition(":")
+    command = [
+        sys.executable, "-m", "vehicle_sim", str(config_path),
+        "--connect", f"udpout://{host}:{port}", "--bind", f"{host}:{int(port) + 40}", "--log", str(log_path),
+        "--clock", config.clock.mode, "--speed", str(config.clock.speed), "--seed", str(config.seed),
+        "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",
+        "--set", f"start_m={json.dumps(config.start_m)}",
+    ]  # fmt: skip
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], _VEHICLE_START_S)
+    if ready and process.stdout.readline():
+        return process
+    _stop(process)
+    assert process.stderr is not None
+    said = process.stderr.read().strip().splitlines()
+    if process.returncode == InputError.exit_status and said:
+        raise InputError(said[-1])
+    raise LinkError(
+        f"vehicle-sim did not start within {_VEHICLE_START_S:g} s: {said[-1] if said else 'it said nothing'}"
+    )
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    if process.poll() is None:
+        process.terminate()
+    try:
+        process.wait(_VEHICLE_STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait(_VEHICLE_STOP_S)
+
+
+def _versions() -> dict[str, str]:
+    names = ("sandwich-sitl", "pymavlink", "numpy", "scipy", "osqp", "shapely", "mcap", "eclipse-zenoh")
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in names}}

@@ -1,0 +1,78 @@
+"""The last look at a setpoint before it is sent.
+
+State: none. Input: the setpoint, the one before it, the measured position; ENU metres. A rejected setpoint is
+reported by its reason and not sent, so that the autopilot's own failsafe decides when there is nothing better.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandwich_sitl.mission.setpoint import Setpoint
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Limits of what may be asked of the vehicle.
+
+    `bounds_m` is x_min, y_min, x_max, y_max and `z_m` lowest and highest altitude; `step_m` how far two setpoints that
+    follow each other may lie apart, `reach_m` how far a setpoint may lie from the vehicle.
+    """
+
+    bounds_m: tuple[float, float, float, float]
+    z_m: tuple[float, float]
+    speed_mps: float = 20.0
+    acceleration_mps2: float = 20.0
+    step_m: float = 1.0
+    reach_m: float = 10.0
+
+
+def fence_around(
+    bounds_m: tuple[float, float, float, float], altitude_m: float, period_s: float, slack_m: float = 5.0
+) -> Fence:
+    """World bounds and flight altitude with `slack_m` on every side; steps as fast as the speed limit, and a half more."""
+    x_min, y_min, x_max, y_max = bounds_m
+    widened = (x_min - slack_m, y_min - slack_m, x_max + slack_m, y_max + slack_m)
+    speed_mps = Fence.speed_mps
+    return Fence(widened, (-slack_m, altitude_m + slack_m), speed_mps, step_m=1.5 * speed_mps * period_s)
+
+
+def objection(setpoint: Setpoint, previous: Setpoint | None, measured_m: Vector | None, fence: Fence) -> str | None:
+    """Why this setpoint must not be sent, or None."""
+    if not isfinite(setpoint.yaw_rad):
+        return f"yaw {setpoint.yaw_rad} is not finite"
+    for name, vector, limit in (
+        ("velocity", setpoint.v_mps, fence.speed_mps),
+        ("acceleration", setpoint.a_mps2, fence.acceleration_mps2),
+    ):
+        if vector is not None and not _length(vector) <= limit:
+            return f"{name} {_show(vector)} is not below {limit:g}"
+    if setpoint.r_m is None:
+        return None
+    return _position_objection(setpoint.r_m, previous, measured_m, fence)
+
+
+def _position_objection(r_m: Vector, previous: Setpoint | None, measured_m: Vector | None, fence: Fence) -> str | None:
+    x, y, z = r_m.tolist()
+    x_min, y_min, x_max, y_max = fence.bounds_m
+    z_min, z_max = fence.z_m
+    if not (x_min <= x <= x_max and y_min <= y <= y_max and z_min <= z <= z_max):
+        return f"position {_show(r_m)} m is outside of the fence {fence.bounds_m}, z {fence.z_m}"
+    if previous is not None and previous.r_m is not None and _length(r_m - previous.r_m) > fence.step_m:
+        return f"position {_show(r_m)} m lies more than {fence.step_m:g} m from the last setpoint {_show(previous.r_m)}"
+    if measured_m is not None and _length(r_m - measured_m) > fence.reach_m:
+        return f"position {_show(r_m)} m lies more than {fence.reach_m:g} m from the vehicle at {_show(measured_m)}"
+    return None
+
+
+def _length(vector: Vector) -> float:
+    x, y, z = vector.tolist()
+    return float((x * x + y * y + z * z) ** 0.5)
+
+
+def _show(vector: Vector) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in vector.tolist()) + ")"

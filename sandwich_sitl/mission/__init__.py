@@ -1,0 +1,1 @@
+"""The offboard mission: what the process asks of the autopilot, as a table without I/O or clock."""

@@ -1,0 +1,116 @@
+"""`Pilot`: what the mission wants streamed becomes this tick's set-point (pure; time is an argument).
+
+State: the tracker while it flies, the braking profile while it brakes, the pose while it holds. Heights are measured
+above the ground the vehicle stood on when it was primed, because autopilots start with height errors of a metre and
+more.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.control.tracker import Tick, Tracker
+from sandwich_sitl.mission.brake import BrakeProfile
+from sandwich_sitl.mission.orders import Stream
+from sandwich_sitl.mission.setpoint import Setpoint
+from sandwich_sitl.mission.vehicle_view import VehicleView
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
+
+Vector = NDArray[np.float64]
+
+STALE_S = 0.3  # age at which the last usable plan must not be sent on as if it were fresh
+_SETTLED_MPS = 0.3
+
+
+@dataclass(frozen=True)
+class Steering:
+    """This tick's set-point, if any, with the controller's answer when it was the tracker that made it."""
+
+    setpoint: Setpoint | None
+    tick: Tick | None
+
+
+class Pilot:
+    """Set-points of one flight along one reference; positions (3,) ENU in the world's frame."""
+
+    def __init__(self, config: RunConfig, reference: Reference, corridor: Corridor) -> None:
+        self._config, self._reference, self._corridor = config, reference, corridor
+        self._tracker: Tracker | None = None
+        self._track_from_s = 0.0
+        self._usable_s = 0.0
+        self._brake: BrakeProfile | None = None
+        self._brake_from_s = 0.0
+        self._ground_m: float | None = None
+        self._yaw_rad = 0.0
+        self._last: Setpoint | None = None
+
+    @property
+    def ground_m(self) -> float:
+        """Height of the start in the autopilot's frame."""
+        return self._ground_m or 0.0
+
+    def plan_stale(self, now_s: float) -> bool:
+        """Whether the tracker flies on a plan older than `STALE_S`."""
+        return self._tracker is not None and now_s - self._usable_s > STALE_S
+
+    def route_finished(self, now_s: float, view: VehicleView) -> bool:
+        """Whether the reference has ended and the vehicle rests at its end."""
+        if self._tracker is None or view.r_m is None or now_s - self._track_from_s < self._tracker.duration_s:
+            return False
+        miss = float(np.hypot(*(view.r_m[:2] - self._reference.xyz_m[-1, :2])))
+        return miss < self._config.mission.goal_tolerance_m and view.speed_mps < _SETTLED_MPS
+
+    def steer(self, stream: Stream, now_s: float, view: VehicleView) -> Steering:
+        """The set-point that `stream` asks for now."""
+        if stream in (Stream.IDLE, Stream.NONE) or view.r_m is None or view.v_mps is None:
+            self._tracker = self._brake = None
+            return Steering(None, None)
+        if stream is Stream.TRACK:
+            return self._track(now_s, view.r_m, view.v_mps, view)
+        self._tracker = None
+        if stream is Stream.POSE:
+            return self._answer(self._pose(view.r_m, view))
+        if self._brake is None:
+            r_m, v_mps = self._moving(view.r_m, view.v_mps)
+            self._brake, self._brake_from_s = BrakeProfile(r_m, v_mps, self._config.mission.brake_mps2), now_s
+        r_m, v_mps, a_mps2 = self._brake.at(now_s - self._brake_from_s)
+        return self._answer(Setpoint(r_m, v_mps, a_mps2, self._yaw_rad))
+
+    def _track(self, now_s: float, r_m: Vector, v_mps: Vector, view: VehicleView) -> Steering:
+        lift = np.array([0.0, 0.0, self.ground_m])
+        if self._tracker is None:
+            self._tracker = Tracker(self._config.mpc, self._config.mode, self._reference, self._corridor, r_m - lift)
+            self._track_from_s = self._usable_s = now_s
+        age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
+        tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
+        if tick.solution.usable:
+            self._usable_s = now_s
+        state = tick.setpoint
+        return self._answer(Setpoint(state[:3] + lift, state[3:6], state[6:9], self._yaw_rad), tick)
+
+    def _pose(self, r_m: Vector, view: VehicleView) -> Setpoint:
+        if self._last is not None:
+            return self._last
+        self._ground_m = float(r_m[2])
+        self._yaw_rad = _yaw(view)
+        return Setpoint(r_m.copy(), np.zeros(3), None, self._yaw_rad)
+
+    def _moving(self, r_m: Vector, v_mps: Vector) -> tuple[Vector, Vector]:
+        """Where braking starts: from the last set-point while one was flown, so that the command does not jump."""
+        last = self._last
+        if last is None or last.r_m is None or last.v_mps is None:
+            return r_m.copy(), v_mps.copy()
+        return last.r_m, last.v_mps
+
+    def _answer(self, setpoint: Setpoint, tick: Tick | None = None) -> Steering:
+        self._last = setpoint
+        return Steering(setpoint, tick)
+
+
+def _yaw(view: VehicleView) -> float:
+    if view.q_wxyz is None:
+        return 0.0
+    w, x, y, z = view.q_wxyz.tolist()
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))

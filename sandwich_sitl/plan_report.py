@@ -1,0 +1,32 @@
+"""The lines that `plan` prints: the map's figures and a table like the paper's Table I, with the exact optimum beside it."""
+
+from sandwich_sitl.planning.baselines import path_length
+from sandwich_sitl.planning.flight_plan import FlightPlan
+
+
+def plan_report(plan: FlightPlan) -> str:
+    """Lengths in metres; the reduction is against the existing A*, as the paper's table gives it (notes N11)."""
+    channel_map, quality = plan.channel_map, plan.channel_map.quality
+    sandwich = path_length(plan.sandwich_m)
+    lines = [
+        f"map       {channel_map.channels} channels, {channel_map.nodes} nodes, {quality.cells} cells "
+        f"({quality.folded_cells} folded, {quality.repaired_cells} repaired), least corner sine "
+        f"{quality.min_jacobian_ratio:.3f}, mean angle error {quality.mean_angle_error_deg:.1f} deg, coverage {quality.coverage:.4f}",
+        "",
+        "          existing A*   Sandwich A*   exact shortest path",
+    ]
+    regular = path_length(plan.grid_astar_m) if len(plan.grid_astar_m) else None
+    exact = path_length(plan.exact_m) if len(plan.exact_m) else None
+    lines.append(f"length    {_metres(regular):>11}   {_metres(sandwich):>11}   {_metres(exact):>19}")
+    if exact:
+        over = [f"{100 * (length / exact - 1):+.2f} %" if length else "-" for length in (regular, sandwich, exact)]
+        lines.append(f"over it   {over[0]:>11}   {over[1]:>11}   {over[2]:>19}")
+    if regular:
+        lines.append(f"reduction {100 * (1 - sandwich / regular):.2f} % of the existing A*'s length")
+    lines += ["", f"flight    {plan.reference.t_s[-1]:.1f} s, {len(plan.corridor.polygons_m)} regions"]
+    lines.append("seconds   " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.seconds.items()))
+    return "\n".join(lines)
+
+
+def _metres(length: float | None) -> str:
+    return "no path" if length is None else f"{length:.2f} m"

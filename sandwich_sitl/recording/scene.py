@@ -1,0 +1,137 @@
+"""The plan as `foxglove.SceneUpdate` messages: `/scene` (obstacles) and `/plan/map` (streamlines, grid, regions).
+
+State: none. Input: a `FlightPlan`, ENU metres. Obstacles are prisms from the ground to their height; where the height
+is unknown they rise to `UNKNOWN_HEIGHT_FACTOR` times the flight altitude. Map lines lie at the flight altitude.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from numpy.typing import NDArray
+
+from sandwich_sitl.channels.channel_map import ChannelMap
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.recording.messages import MAP_FRAME, set_timestamp
+
+Array = NDArray[np.float64]
+Rgba = tuple[float, float, float, float]
+
+UNKNOWN_HEIGHT_FACTOR = 1.5
+GRID_LINES = 60  # at most this many lines of each family
+_OBSTACLE: Rgba = (0.45, 0.47, 0.52, 1.0)
+_GROWN: Rgba = (0.85, 0.45, 0.1, 1.0)
+_STREAMLINE: Rgba = (0.05, 0.05, 0.05, 1.0)
+_GRID: Rgba = (0.6, 0.6, 0.65, 0.6)
+_REGION: Rgba = (0.1, 0.55, 0.3, 0.8)
+
+
+def scene_update(plan: FlightPlan, t_ns: int) -> bytes:
+    """`/scene`: obstacles as prisms, with the outlines they were grown to."""
+    update = SceneUpdate()
+    for name, ring, height_m in zip(plan.obstacle_names, plan.obstacles_m, obstacle_heights(plan), strict=True):
+        entity = _entity(update, f"obstacle/{name}", t_ns)
+        points, triangles = prism(ring, height_m)
+        mesh = entity.triangles.add(points=[], indices=triangles.ravel().tolist())
+        _identity(mesh)
+        _colour(mesh, _OBSTACLE)
+        for x, y, z in points.tolist():
+            mesh.points.add(x=x, y=y, z=z)
+    if plan.grown_m:
+        entity = _entity(update, "grown", t_ns)
+        for ring in plan.grown_m:
+            _line(entity, ring, 0.05, _GROWN, closed=True)
+    return update.SerializeToString()
+
+
+def map_update(plan: FlightPlan, t_ns: int) -> bytes:
+    """`/plan/map`: dividing streamlines, some grid lines and the corridor's regions at the flight altitude."""
+    update = SceneUpdate()
+    groups = (
+        ("dividing_streamlines", dividing_streamlines(plan.channel_map), _STREAMLINE, False),
+        ("grid", grid_lines(plan.channel_map, GRID_LINES), _GRID, False),
+        ("regions", plan.corridor.polygons_m, _REGION, True),
+    )
+    for name, lines, colour, closed in groups:
+        entity = _entity(update, name, t_ns)
+        for line in lines:
+            _line(entity, line, plan.altitude_m, colour, closed=closed)
+    return update.SerializeToString()
+
+
+def obstacle_heights(plan: FlightPlan) -> list[float]:
+    """Height of each obstacle in metres, with a stand-in where it is unknown."""
+    unknown_m = UNKNOWN_HEIGHT_FACTOR * plan.altitude_m
+    heights_m: list[float] = np.where(np.isfinite(plan.obstacle_heights_m), plan.obstacle_heights_m, unknown_m).tolist()
+    return heights_m
+
+
+def prism(ring: Array, height_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Closed prism over a ring (V, 2): vertices (2 V, 3), bottom then top, and outward triangles (T, 3)."""
+    count = len(ring)
+    points = np.vstack([np.column_stack([ring, np.zeros(count)]), np.column_stack([ring, np.full(count, height_m)])])
+    here = np.arange(count)
+    after = np.roll(here, -1)
+    walls = np.vstack(
+        [np.column_stack([here, after, after + count]), np.column_stack([here, after + count, here + count])]
+    )
+    cap = _triangulate(ring)
+    return points, np.vstack([walls, cap + count, cap[:, ::-1]]).astype(np.int64)
+
+
+def dividing_streamlines(channel_map: ChannelMap) -> list[Array]:
+    """Bottom and top row of each channel (m_phi, 2): both sides of every dividing streamline, and the two borders."""
+    return [xy[:, j] for xy in channel_map.xy_m for j in (0, -1)]
+
+
+def grid_lines(channel_map: ChannelMap, most: int) -> list[Array]:
+    """Inner rows (psi constant) and columns (phi constant, one a channel), thinned to `most` of each family."""
+    rows = [xy[:, j] for xy in channel_map.xy_m for j in range(1, xy.shape[1] - 1)]
+    step = max(1, -(-len(channel_map.phi) // most))
+    columns = [xy[i] for xy in channel_map.xy_m for i in range(0, len(channel_map.phi), step)]
+    return rows[:: max(1, -(-len(rows) // most))] + columns
+
+
+def _triangulate(ring: Array) -> NDArray[np.int64]:
+    """Counter-clockwise triangles (T, 3) of a simple ring, as indices into it."""
+    lookup = {point: index for index, point in enumerate(map(tuple, ring.tolist()))}
+    triangles = [
+        [lookup[point] for point in corners]
+        for corners in _corners(shapely.constrained_delaunay_triangles(shapely.Polygon(ring)))
+    ]
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _corners(triangles: shapely.GeometryCollection) -> Iterator[list[tuple[float, ...]]]:
+    for triangle in triangles.geoms:
+        yield list(shapely.geometry.polygon.orient(triangle).exterior.coords)[:3]  # type: ignore[arg-type]
+
+
+def _entity(update: SceneUpdate, name: str, t_ns: int) -> SceneEntity:
+    entity = update.entities.add(frame_id=MAP_FRAME, id=name, frame_locked=False)
+    set_timestamp(entity, t_ns)
+    entity.lifetime.SetInParent()
+    return entity
+
+
+def _line(entity: SceneEntity, xy: Array, z_m: float, colour: Rgba, *, closed: bool) -> None:
+    kind = LinePrimitive.LINE_LOOP if closed else LinePrimitive.LINE_STRIP
+    line = entity.lines.add(type=kind, thickness=1.5, scale_invariant=True)
+    _identity(line)
+    _colour(line, colour)
+    for x, y in xy.tolist():
+        line.points.add(x=x, y=y, z=z_m)
+
+
+def _identity(primitive: object) -> None:
+    pose = primitive.pose  # type: ignore[attr-defined]
+    pose.position.SetInParent()
+    pose.orientation.w = 1.0
+
+
+def _colour(primitive: object, rgba: Rgba) -> None:
+    colour = primitive.color  # type: ignore[attr-defined]
+    colour.r, colour.g, colour.b, colour.a = rgba

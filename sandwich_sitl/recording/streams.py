@@ -1,0 +1,138 @@
+"""`DebugStreams`: the log's payloads over Zenoh, for looking on. They may be lost, never waited for.
+
+State: one Zenoh session in peer mode, without multicast or gossip scouting, listening and connecting only where
+`ZenohConfig` says. Congestion control is DROP, so a stalled subscriber costs data and not time. A session that cannot
+be opened (no library, occupied port, bad end point) leaves an object whose `put` does nothing and whose `problem`
+says why.
+
+Keys: `topics.stream_key`; liveliness token `sitl/{vehicle}/alive/{process}`; queryable `sitl/{vehicle}/params` (JSON).
+"""
+
+import json
+import logging
+from types import TracebackType
+from typing import Any, Self
+
+from sandwich_sitl.config import ZenohConfig
+from sandwich_sitl.recording.topics import (
+    LATCHED_TOPICS,
+    MAVLINK_TOPICS,
+    PLAN_TOPIC,
+    PROTOBUF_TOPICS,
+    stream_encoding,
+    stream_key,
+)
+
+_LOG = logging.getLogger(__name__)
+
+
+class DebugStreams:
+    """Best-effort publisher of every topic. Use `open`; close it after the recorder."""
+
+    def __init__(
+        self, session: Any | None, publishers: dict[str, Any], held: tuple[Any, ...], problem: str | None
+    ) -> None:
+        self._session = session
+        self._publishers = publishers
+        self._held = held  # tokens and queryables live as long as they are referenced
+        self.problem = problem
+
+    @classmethod
+    def open(cls, config: ZenohConfig, *, process: str, params_json: str = "{}") -> Self:
+        """Open the session; `params_json`, the run's configuration, answers the `params` queryable. Never raises."""
+        if not config.enabled:
+            return cls(None, {}, (), None)
+        try:
+            import zenoh
+        except ImportError as error:
+            return cls._closed(f"debug streams are off: {error}")
+        try:
+            session = zenoh.open(session_config(config))
+        except zenoh.ZError as error:
+            return cls._closed(f"debug streams are off: {' '.join(str(error).split())}")
+        try:
+            return cls(session, _publishers(session, config), _presence(session, config, process, params_json), None)
+        except zenoh.ZError as error:
+            session.close()  # type: ignore[no-untyped-call]
+            return cls._closed(f"debug streams are off: {' '.join(str(error).split())}")
+
+    @classmethod
+    def _closed(cls, problem: str) -> Self:
+        _LOG.warning(problem)
+        return cls(None, {}, (), problem)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def active(self) -> bool:
+        """True while payloads are published."""
+        return bool(self._publishers)
+
+    def put(self, topic: str, payload: bytes) -> None:
+        """Publish one payload, or drop it."""
+        publisher = self._publishers.get(topic)
+        if publisher is not None:
+            publisher.put(payload)
+
+    def close(self) -> None:
+        """Close the session; a second call does nothing."""
+        self._publishers, self._held = {}, ()
+        if self._session is not None:
+            session, self._session = self._session, None
+            session.close()
+
+
+def session_config(config: ZenohConfig, *, listen: bool = True) -> Any:
+    """Zenoh's configuration: peer, no scouting, explicit end points, no wait before a drop."""
+    import zenoh
+
+    settings = {
+        "mode": "peer",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": True,
+        "listen/endpoints": list(config.listen) if listen else [],
+        "connect/endpoints": list(config.connect),
+        "connect/timeout_ms": 0,
+        "connect/exit_on_failure": False,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 0,
+    }
+    session = zenoh.Config()
+    for key, value in settings.items():
+        session.insert_json5(key, json.dumps(value))
+    return session
+
+
+def _publishers(session: Any, config: ZenohConfig) -> dict[str, Any]:
+    import zenoh
+    import zenoh.ext
+
+    publishers: dict[str, Any] = {}
+    for topic in (*PROTOBUF_TOPICS, *MAVLINK_TOPICS, PLAN_TOPIC):
+        key = stream_key(config.vehicle_name, topic)
+        options: dict[str, Any] = {
+            "encoding": stream_encoding(topic),
+            "congestion_control": zenoh.CongestionControl.DROP,
+        }
+        if topic in LATCHED_TOPICS:
+            cache = zenoh.ext.CacheConfig(1)
+            publishers[topic] = zenoh.ext.declare_advanced_publisher(
+                session, key, cache=cache, publisher_detection=True, **options
+            )
+        else:
+            publishers[topic] = session.declare_publisher(key, **options)
+    return publishers
+
+
+def _presence(session: Any, config: ZenohConfig, process: str, params_json: str) -> tuple[Any, ...]:
+    key = f"sitl/{config.vehicle_name}/params"
+    token = session.liveliness().declare_token(f"sitl/{config.vehicle_name}/alive/{process}")
+    params = session.declare_queryable(key, lambda query: query.reply(key, params_json, encoding="application/json"))
+    return token, params

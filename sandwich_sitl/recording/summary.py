@@ -1,0 +1,231 @@
+"""The numbers of a run, every one computed from its log alone.
+
+Input: a `RunLog`. Seconds of the flight are the vehicle's boot time; `wall_seconds` comes from metadata `result`. A
+number that the log cannot give (no truth, no plan, killed early) is None.
+
+Definitions. The flight lasts from arming to disarming; `path_flown_m` is the horizontal length of the true path in
+that time and `min_clearance_m` the distance of that continuous path to the obstacles that were not grown. Errors are
+|truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
+"""
+
+import itertools
+import json
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.tracks import Frame
+
+Array = NDArray[np.float64]
+Section = dict[str, Any]
+
+ACTIVE = "ACTIVE"
+REGION_TOLERANCE_M = 1e-9
+INFEASIBLE_STATUS = (3, 4, 5, 6)  # OSQP: primal or dual infeasible, accurate or not
+
+
+def summarise(log: RunLog) -> Section:
+    """The summary as plain data, ready for JSON."""
+    run, result = log.metadata.get("run", {}), log.metadata.get("result", {})
+    seed = run.get("seed")
+    return {
+        "name": run.get("name") or (log.plan.name if log.plan else None),
+        "outcome": result.get("outcome", "unfinished"),
+        "reason": result.get("reason", ""),
+        "seed": int(seed) if seed is not None else None,
+        "clock": run.get("clock"),
+        "map": _map_section(log.plan),
+        "route": _route_section(log.plan),
+        "flight": _flight_section(log),
+        "mpc": _mpc_section(log),
+        "link": _link_section(log),
+    }
+
+
+def format_summary(summary: Section) -> str:
+    """The summary as lines for a terminal: one section a line, values with their keys' units."""
+    head = " ".join(f"{key} {_shown(summary[key])}" for key in ("name", "seed", "clock"))
+    reason = f" ({summary['reason']})" if summary["reason"] else ""
+    lines = [f"outcome  {summary['outcome']}{reason}", f"run      {head}"]
+    for section in ("map", "route", "flight", "mpc", "link"):
+        items = ", ".join(f"{key} {_shown(value)}" for key, value in summary[section].items())
+        lines.append(f"{section:8s} {items}")
+    return "\n".join(lines)
+
+
+def path_length_m(xy_m: Array) -> float:
+    """Length of a polyline (N, 2) or (N, 3)."""
+    return float(np.linalg.norm(np.diff(xy_m, axis=0), axis=1).sum())
+
+
+def route_lengths(plan: FlightPlan) -> Section:
+    """The three routes' lengths and the Sandwich route's reduction against grid A*, in percent of the latter."""
+    sandwich_m, grid_m, exact_m = (path_length_m(xy) for xy in (plan.sandwich_m, plan.grid_astar_m, plan.exact_m))
+    return {
+        "sandwich_m": sandwich_m,
+        "grid_astar_m": grid_m,
+        "exact_m": exact_m,
+        "reduction_percent": 100.0 * (grid_m - sandwich_m) / grid_m if grid_m > 0 else None,
+    }
+
+
+def active_spans(log: RunLog) -> list[tuple[float, float]]:
+    """Intervals [from, to) in which the mission's state was ACTIVE."""
+    return _spans(log, [state == ACTIVE for state in log.mission.state])
+
+
+def tracking_error(log: RunLog) -> tuple[Array, Array]:
+    """Times (N,) and |truth - reference| (N,) in metres while ACTIVE, at the truth's times."""
+    control_on = _within(log.control.t_s, active_spans(log))
+    t_s, reference_m = log.control.t_s[control_on], log.control.reference_m[control_on]
+    if t_s.size == 0 or log.truth.t_s.size == 0:
+        return np.empty(0), np.empty(0)
+    inside = _within(log.truth.t_s, active_spans(log)) & (log.truth.t_s >= t_s[0]) & (log.truth.t_s <= t_s[-1])
+    at_s = log.truth.t_s[inside]
+    return at_s, np.linalg.norm(log.truth.r_m[inside] - _interpolate(at_s, t_s, reference_m), axis=1)
+
+
+def _map_section(plan: FlightPlan | None) -> Section:
+    keys = ("channels", "nodes", "folded_cells", "min_jacobian_ratio", "seconds")
+    if plan is None:
+        return dict.fromkeys(keys)
+    quality = plan.channel_map.quality
+    seconds = plan.seconds.get("map", sum(plan.seconds.values())) if plan.seconds else None
+    values = (
+        plan.channel_map.channels,
+        plan.channel_map.nodes,
+        quality.folded_cells,
+        quality.min_jacobian_ratio,
+        seconds,
+    )
+    return dict(zip(keys, values, strict=True))
+
+
+def _route_section(plan: FlightPlan | None) -> Section:
+    if plan is None:
+        return dict.fromkeys(("sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"))
+    return route_lengths(plan)
+
+
+def _flight_section(log: RunLog) -> Section:
+    spans = _spans(log, log.mission.armed.tolist())
+    path_m = log.truth.r_m[_within(log.truth.t_s, spans), :2]
+    _, error_m = tracking_error(log)
+    wall_text = log.metadata.get("result", {}).get("wall_seconds")
+    wall_s = float(wall_text) if wall_text is not None else None
+    return {
+        "duration_s": sum(end - start for start, end in spans),
+        "path_flown_m": path_length_m(path_m) if len(path_m) else None,
+        "rms_error_m": float(np.sqrt(np.mean(error_m**2))) if error_m.size else None,
+        "max_error_m": float(error_m.max()) if error_m.size else None,
+        "min_clearance_m": clearance_m(path_m, log.plan),
+        "quadrangle_violations": _quadrangle_violations(log),
+        "wall_seconds": wall_s,
+        "realtime_factor": (log.span_s[1] - log.span_s[0]) / wall_s if wall_s else None,
+    }
+
+
+def clearance_m(path_m: Array, plan: FlightPlan | None) -> float | None:
+    """Least distance of the continuous path (N, 2) to the obstacles themselves; 0 when it touches one."""
+    if plan is None or not plan.obstacles_m or len(path_m) == 0:
+        return None
+    path = shapely.LineString(path_m) if len(path_m) > 1 else shapely.Point(path_m[0])
+    return float(min(shapely.distance(shapely.Polygon(ring), path) for ring in plan.obstacles_m))
+
+
+def _quadrangle_violations(log: RunLog) -> int | None:
+    """Control samples while ACTIVE at which the true position lies outside its region."""
+    chosen = _within(log.control.t_s, active_spans(log)) & (log.control.region >= 0)
+    if log.plan is None or log.truth.t_s.size == 0:
+        return None
+    region = log.control.region[chosen]
+    xy_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)[:, :2]
+    corridor = log.plan.corridor
+    excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], xy_m) - corridor.Gamma[region]
+    return int(np.count_nonzero((excess_m > REGION_TOLERANCE_M).any(axis=1)))
+
+
+def _mpc_section(log: RunLog) -> Section:
+    solved = log.control.solver_status != 0
+    timings = log.timings
+    return {
+        "ticks": int(np.count_nonzero(solved)),
+        "solve_ms": _percentiles(timings.solve_s[timings.solve_s > 0] * 1e3),
+        "loop_ms": _percentiles(timings.loop_s * 1e3),
+        "infeasible": int(np.isin(log.control.solver_status, INFEASIBLE_STATUS).sum()),
+        "deadline_misses": int(np.count_nonzero(timings.late_s > 0)),
+        "max_slack_m": float(log.control.slack_m[solved].max()) if solved.any() else None,
+    }
+
+
+def _link_section(log: RunLog) -> Section:
+    received = log.frames_of("/mavlink/rx")
+    return {"sent": len(log.frames_of("/mavlink/tx")), "received": len(received), "lost": lost_frames(received)}
+
+
+def lost_frames(frames: tuple[Frame, ...]) -> int:
+    """Gaps in the MAVLink sequence numbers of each sender; a repeated or late frame is no loss."""
+    last: dict[tuple[int, int], int] = {}
+    lost: dict[tuple[int, int], int] = defaultdict(int)
+    for frame in frames:
+        header = _sequence_and_sender(frame.data)
+        if header is None:
+            continue
+        sequence, sender = header
+        step = (sequence - last.get(sender, sequence - 1)) % 256
+        if 0 < step < 128:
+            lost[sender] += step - 1
+            last[sender] = sequence
+    return sum(lost.values())
+
+
+def _sequence_and_sender(frame: bytes) -> tuple[int, tuple[int, int]] | None:
+    """Sequence number and (system, component) of a MAVLink 2 or 1 frame."""
+    if len(frame) >= 10 and frame[0] == 0xFD:
+        return frame[4], (frame[5], frame[6])
+    if len(frame) >= 8 and frame[0] == 0xFE:
+        return frame[2], (frame[3], frame[4])
+    return None
+
+
+def _spans(log: RunLog, holds: list[bool]) -> list[tuple[float, float]]:
+    """Intervals [from, to) of the mission track in which `holds` is true; the last row holds to the end of the log."""
+    ends = [*log.mission.t_s[1:].tolist(), np.nextafter(log.span_s[1], np.inf)]
+    rows = zip(holds, log.mission.t_s.tolist(), ends, strict=False)
+    spans = []
+    for on, group in itertools.groupby(rows, key=lambda row: row[0]):
+        members = list(group)
+        if on:
+            spans.append((members[0][1], members[-1][2]))
+    return spans
+
+
+def _within(t_s: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    inside = np.zeros(t_s.shape, dtype=np.bool_)
+    for start, end in spans:
+        inside |= (t_s >= start) & (t_s < end)
+    return inside
+
+
+def _interpolate(at_s: Array, t_s: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(at_s, t_s, column) for column in values.T])
+
+
+def _percentiles(values: Array) -> Section:
+    if values.size == 0:
+        return {"p50": None, "p99": None, "max": None}
+    p50, p99, most = np.percentile(values, (50, 99, 100))
+    return {"p50": float(p50), "p99": float(p99), "max": float(most)}
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "/".join(_shown(item) for item in value.values())
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    return "-" if value is None else value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,194 @@
+"""The offboard process: the only loop and the only clock (design: shell over core).
+
+A tick: wait for the vehicle's telemetry -> mission table -> MPC -> set-point out -> record. Recording comes after the
+set-point has been sent, in the slack of the tick. Garbage collection is off in the loop: a full collection costs more
+than a tick.
+"""
+
+import gc
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.errors import LinkError
+from sandwich_sitl.link.guard import fence_around
+from sandwich_sitl.link.session import LinkSession, LinkStatistics
+from sandwich_sitl.mission.machine import Mission
+from sandwich_sitl.mission.orders import EXIT_STATUS, MissionInputs, Orders, Outcome, OutcomeName, State, Stream
+from sandwich_sitl.mission.pilot import Pilot, Steering
+from sandwich_sitl.mission.vehicle_view import VehicleView
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.recording.recorder import RunRecorder
+from sandwich_sitl.recording.records import ControlRecord, MissionRecord, TickTiming
+
+_NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FlightResult:
+    """How the flight ended, what the link counted, and the wall time the loop took."""
+
+    outcome: Outcome
+    link: LinkStatistics
+    wall_seconds: float
+
+
+@dataclass(frozen=True)
+class Observers:
+    """Whom the loop tells: `recorder` everything, `on_state(now_s, state, text)` changes and progress for people."""
+
+    recorder: RunRecorder
+    on_state: Callable[[float, str, str], None]
+
+
+def fly(config: RunConfig, plan: FlightPlan, observers: Observers, stop_requests: Callable[[], int]) -> FlightResult:
+    """Fly one mission over the configured link and return how it ended.
+
+    A vehicle that falls silent ends in outcome `lost`; `InputError` is raised for a link that cannot be opened.
+    """
+    return _Loop(config, plan, observers, stop_requests).run()
+
+
+class _Loop:
+    def __init__(
+        self, config: RunConfig, plan: FlightPlan, observers: Observers, stop_requests: Callable[[], int]
+    ) -> None:
+        self._config, self._plan = config, plan
+        self._recorder, self._on_state = observers.recorder, observers.on_state
+        self._stop_requests = stop_requests
+        self._mission = Mission(config.mission, config.start_m, config.altitude_m, float(plan.reference.t_s[-1]))
+        self._pilot = Pilot(config, plan.reference, plan.corridor)
+        self._obstacles = shapely.union_all([shapely.Polygon(ring) for ring in plan.obstacles_m])
+        shapely.prepare(self._obstacles)
+        self._frames: list[tuple[float, str, bytes]] = []
+        self._last_state: State | None = None
+        self._ticks = 0
+        self._horizon_due_s = 0.0
+
+    def run(self) -> FlightResult:
+        period_s = 1.0 / self._config.mpc.rate_hz
+        session = LinkSession(
+            self._config.link,
+            self._config.clock,
+            period_s,
+            self._config.start_m,
+            lambda t_s, direction, frame: self._frames.append((t_s, direction, frame)),
+            fence=fence_around(self._plan.bounds_m, self._config.altitude_m, period_s),
+            connect_timeout_s=self._config.mission.connect_timeout_s,
+            stop_requested=lambda: self._stop_requests() > 0,
+        )
+        began = time.perf_counter()
+        with session as link, _no_garbage_collection():
+            try:
+                while (outcome := self._tick(link)) is None:
+                    pass
+            except LinkError as error:
+                outcome = Outcome(OutcomeName.LOST, EXIT_STATUS[OutcomeName.LOST], str(error))
+            self._record_frames()
+            return FlightResult(outcome, link.statistics, time.perf_counter() - began)
+
+    def _tick(self, link: LinkSession) -> Outcome | None:
+        now_s = link.next_tick()
+        began = time.perf_counter()
+        view = link.view
+        inputs = MissionInputs(
+            self._stop_requests(), self._pilot.route_finished(now_s, view), self._pilot.plan_stale(now_s)
+        )
+        orders = self._mission.step(now_s, view, inputs)
+        solving = time.perf_counter()
+        steering = self._pilot.steer(orders.stream, now_s, view)
+        solved = time.perf_counter()
+        refused = link.send(steering.setpoint, orders.commands)
+        sent = time.perf_counter()
+        if view.heard:
+            self._record(now_s, view, orders, steering, refused)
+            late_s = 0.0 if self._config.clock.mode == "lockstep" else max(0.0, sent - began - self._budget_s)
+            solve_s = solved - solving if steering.tick is not None else 0.0
+            self._recorder.timing(self._ticks, TickTiming(solve_s, sent - began, late_s))
+            self._ticks += 1
+        return orders.finished
+
+    @property
+    def _budget_s(self) -> float:
+        return 1.0 / (self._config.mpc.rate_hz * self._config.clock.speed)
+
+    def _record(self, now_s: float, view: VehicleView, orders: Orders, steering: Steering, refused: str | None) -> None:
+        self._record_frames()
+        if orders.state is not self._last_state:
+            self._last_state = orders.state
+            reason = orders.finished.reason if orders.finished else ""
+            self._recorder.mission(
+                now_s, MissionRecord(str(orders.state), str(view.mode), view.armed, bool(view.landed), reason)
+            )
+            self._on_state(now_s, str(orders.state), reason)
+        for line in orders.log:
+            self._recorder.log(now_s, "info", line)
+        for text in view.status_texts:
+            self._recorder.log(now_s, "warning" if text.severity <= 4 else "info", f"vehicle: {text.text}")
+        if refused is not None:
+            self._recorder.log(now_s, "error", f"set-point not sent: {refused}")
+        if view.r_m is not None:
+            q_wxyz = _NO_ROTATION if view.q_wxyz is None else view.q_wxyz
+            self._recorder.tf_and_estimate(now_s, view.r_m, q_wxyz)
+        if steering.tick is not None:
+            self._record_control(now_s, view, orders, steering)
+        if orders.stream is Stream.TRACK and self._ticks % round(self._config.mpc.rate_hz) == 0:
+            self._on_state(now_s, str(orders.state), "")
+
+    def _record_control(self, now_s: float, view: VehicleView, orders: Orders, steering: Steering) -> None:
+        tick = steering.tick
+        assert tick is not None
+        assert view.r_m is not None
+        assert view.v_mps is not None
+        lift = np.array([0.0, 0.0, self._pilot.ground_m])
+        self._recorder.control(
+            ControlRecord(
+                t_s=now_s,
+                phase=str(orders.state),
+                reference_m=tick.desired_m + lift,
+                estimate_r_m=view.r_m,
+                estimate_v_mps=view.v_mps,
+                model_a_mps2=tick.setpoint[6:9],
+                model_j_mps3=tick.setpoint[9:12],
+                setpoint_r_m=tick.setpoint[:3] + lift,
+                setpoint_v_mps=tick.setpoint[3:6],
+                setpoint_a_mps2=tick.setpoint[6:9],
+                snap_mps4=tick.snap,
+                slack_m=float(tick.solution.slack_m.max()),
+                solver_status=tick.solution.status,
+                solver_iterations=tick.solution.iterations,
+                region=tick.region,
+                clearance_m=self._clearance(view.r_m[0], view.r_m[1]),
+            )
+        )
+        if now_s >= self._horizon_due_s:
+            self._recorder.horizon(now_s, tick.solution.states[:, :3] + lift)
+            self._horizon_due_s = now_s + 1.0 / self._config.logging.horizon_hz
+
+    def _clearance(self, x: float, y: float) -> float:
+        if self._obstacles.is_empty:
+            return math.nan
+        return float(shapely.distance(self._obstacles, shapely.Point(x, y)))
+
+    def _record_frames(self) -> None:
+        frames, self._frames = self._frames, []
+        for t_s, direction, frame in frames:
+            self._recorder.mavlink(t_s, "tx" if direction == "tx" else "rx", frame)
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

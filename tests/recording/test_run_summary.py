@@ -1,0 +1,126 @@
+"""Every number of the summary against what the sample run was made to be, worked out by hand."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+import run_samples
+
+from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.summary import clearance_m, format_summary, lost_frames, summarise, tracking_error
+from sandwich_sitl.recording.tracks import Frame, PoseTrack
+
+
+def test_keys_are_complete_and_json(run_log: RunLog) -> None:
+    summary = json.loads(json.dumps(summarise(run_log)))
+    assert {"outcome", "seed", "clock", "map", "route", "flight", "mpc", "link"} <= set(summary)
+    assert set(summary["map"]) == {"channels", "nodes", "folded_cells", "min_jacobian_ratio", "seconds"}
+    assert set(summary["route"]) == {"sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"}
+    assert set(summary["flight"]) == {
+        "duration_s", "path_flown_m", "rms_error_m", "max_error_m", "min_clearance_m", "quadrangle_violations",
+        "wall_seconds", "realtime_factor",
+    }  # fmt: skip
+    assert set(summary["mpc"]) == {"ticks", "solve_ms", "loop_ms", "infeasible", "deadline_misses", "max_slack_m"}
+    assert set(summary["mpc"]["solve_ms"]) == {"p50", "p99", "max"}
+    assert set(summary["link"]) == {"sent", "received", "lost"}
+
+
+def test_head_map_and_route(run_log: RunLog) -> None:
+    summary = summarise(run_log)
+    assert (summary["outcome"], summary["seed"], summary["clock"]) == ("landed", 7, "lockstep")
+    assert summary["map"] == {
+        "channels": 2, "nodes": 2 * 41 * 7, "folded_cells": 0, "min_jacobian_ratio": 0.71, "seconds": 0.5,
+    }  # fmt: skip
+    grid_m = 30.0 + 2.0 * 3.0 * math.sqrt(2.0)
+    assert summary["route"] == pytest.approx(
+        {"sandwich_m": 36.0, "grid_astar_m": grid_m, "exact_m": 36.0, "reduction_percent": 100 * (1 - 36.0 / grid_m)}
+    )
+
+
+def test_flight(run_log: RunLog) -> None:
+    flight = summarise(run_log)["flight"]
+    assert flight["duration_s"] == pytest.approx(13.0)
+    assert flight["path_flown_m"] == pytest.approx(30.0)
+    assert flight["rms_error_m"] == pytest.approx(run_samples.OFFSET_M)
+    assert flight["max_error_m"] == pytest.approx(run_samples.OFFSET_M)
+    assert flight["min_clearance_m"] == pytest.approx(11.0 - 5.2)
+    assert flight["quadrangle_violations"] == 0
+    assert flight["wall_seconds"] == 3.0
+    assert flight["realtime_factor"] == pytest.approx(15.0 / 3.0)
+
+
+def test_mpc_and_link(run_log: RunLog) -> None:
+    summary = summarise(run_log)
+    mpc = summary["mpc"]
+    assert (mpc["ticks"], mpc["infeasible"], mpc["deadline_misses"]) == (100, 0, 1)
+    assert mpc["solve_ms"] == pytest.approx({"p50": 76.0, "p99": 149.5, "max": 151.0})
+    assert mpc["loop_ms"] == pytest.approx({"p50": 152.0, "p99": 299.0, "max": 302.0})
+    assert mpc["max_slack_m"] == pytest.approx(0.119)
+    assert summary["link"] == {"sent": 151, "received": 151, "lost": 3}
+
+
+def test_a_sine_error_has_its_rms_and_peak(run_log: RunLog) -> None:
+    t_s = np.linspace(2.0, 11.9, 1981)
+    wave = 0.3 * np.sin(2 * np.pi * 2 * (t_s - 2.0) / 9.9)
+    xyz = np.column_stack([2.0 + 3.0 * (t_s - 2.0), 5.0 + wave, np.full_like(t_s, 10.0)])
+    log = dataclasses.replace(run_log, truth=PoseTrack(t_s, xyz, np.zeros((len(t_s), 4))))
+    _, error = tracking_error(log)
+    assert float(np.sqrt(np.mean(error**2))) == pytest.approx(0.3 / math.sqrt(2), rel=1e-3)
+    assert error.max() == pytest.approx(0.3, rel=1e-5)
+
+
+def test_samples_outside_their_region_are_counted(run_log: RunLog) -> None:
+    """The truth leaves the box (y <= 6.5 m) for the control ticks at 3.0 s ... 3.9 s."""
+    truth = run_log.truth
+    r_m = truth.r_m.copy()
+    outside = (truth.t_s > 2.949) & (truth.t_s < 3.951)
+    r_m[outside, 1] = 7.0
+    log = dataclasses.replace(run_log, truth=PoseTrack(truth.t_s, r_m, truth.q_wxyz))
+    assert summarise(log)["flight"]["quadrangle_violations"] == 10
+
+
+def test_clearance_is_measured_between_the_samples() -> None:
+    plan = run_samples.small_plan()
+    corner_to_corner = np.array([[15.0, 11.0], [15.0, 19.0]])
+    assert clearance_m(corner_to_corner, plan) == 0.0
+    assert clearance_m(np.array([[10.0, 0.0], [10.0, 30.0]]), plan) == pytest.approx(5.0)
+    assert clearance_m(np.array([[20.0, 15.0]]), plan) == 0.0
+    assert clearance_m(np.empty((0, 2)), plan) is None
+    assert clearance_m(corner_to_corner, run_samples.small_plan(obstacles=False)) is None
+
+
+def test_lost_frames_are_gaps_and_nothing_else() -> None:
+    def frames(*sequences: int, system: int = 1) -> tuple[Frame, ...]:
+        return tuple(Frame(0, "/mavlink/rx", run_samples.mavlink2_frame(s, system)) for s in sequences)
+
+    assert lost_frames(frames(254, 255, 0, 1)) == 0
+    assert lost_frames(frames(254, 1)) == 2
+    assert lost_frames(frames(1, 1, 2)) == 0
+    assert lost_frames(frames(5, 4, 6)) == 0
+    assert lost_frames(frames(1, 2, 5) + frames(9, 10, system=2)) == 2
+    assert lost_frames((Frame(0, "/mavlink/rx", bytes([0xFE, 0, 9, 1, 1, 0, 0, 0])),)) == 0
+
+
+def test_an_unfinished_log_gives_what_it_has(tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = run_samples.write_vehicle(tmp_path_factory.mktemp("v") / "vehicle.mcap")
+    summary = summarise(RunLog.read(path))
+    assert summary["outcome"] == "unfinished"
+    assert summary["flight"]["rms_error_m"] is None
+    assert summary["route"]["sandwich_m"] is None
+    assert "unfinished" in format_summary(summary)
+
+
+def test_the_terminal_text_names_every_section(run_log: RunLog) -> None:
+    text = format_summary(summarise(run_log))
+    assert [line.split()[0] for line in text.splitlines()] == [
+        "outcome",
+        "run",
+        "map",
+        "route",
+        "flight",
+        "mpc",
+        "link",
+    ]
+    assert "rms_error_m 0.200" in text

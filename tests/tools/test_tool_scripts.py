@@ -1,0 +1,84 @@
+"""The scripts of tools/ as a user calls them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+import run_samples
+
+from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.summary import summarise
+
+ROOT = Path(__file__).parents[2]
+
+
+def call(script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", str(ROOT / "tools" / script), *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
+
+
+def test_summary_prints_what_summarise_computes(run_path: Path) -> None:
+    result = call("summary.py", run_path, "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout) == summarise(RunLog.read(run_path))
+    assert call("summary.py", run_path).stdout.startswith("outcome  landed")
+
+
+def test_summary_says_when_a_log_is_cut(run_path: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(run_path.read_bytes()[:-100])
+    result = call("summary.py", cut)
+    assert result.returncode == 0
+    assert "is cut off" in result.stderr
+
+
+def test_compare_tells_equal_from_different(run_path: Path, tmp_path: Path) -> None:
+    same = run_samples.write_run(tmp_path)
+    assert "all topics equal" in call("compare.py", run_path, same).stdout
+    alone = run_samples.write_offboard(tmp_path / "alone.mcap")
+    result = call("compare.py", run_path, alone)
+    assert result.returncode == 1
+    assert "payloads: different: /state/truth" in result.stdout
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_tables_hold_the_logged_values(run_path: Path, tmp_path: Path, kind: str) -> None:
+    result = call("export.py", run_path, f"--{kind}", tmp_path)
+    assert result.returncode == 0, result.stderr
+    read = pyarrow.csv.read_csv if kind == "csv" else pyarrow.parquet.read_table
+    tables = {path.stem: read(path) for path in tmp_path.iterdir()}
+    assert set(tables) == {"control", "truth", "estimate", "mission", "wall_timing", "log"}
+    log = RunLog.read(run_path)
+    assert tables["control"].column("setpoint_v_y_mps").to_pylist() == log.control.setpoint_v_mps[:, 1].tolist()
+    assert tables["truth"].column("r_x_m").to_pylist() == log.truth.r_m[:, 0].tolist()
+    assert tables["mission"].column("state").to_pylist() == list(log.mission.state)
+
+
+def test_tlog_is_written(run_path: Path, tmp_path: Path) -> None:
+    result = call("export.py", run_path, "--tlog", tmp_path / "run.tlog")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "run.tlog").stat().st_size == 302 * (8 + 16)
+
+
+@pytest.mark.parametrize("script", ["summary.py", "compare.py", "export.py"])
+def test_bad_input_is_one_line_and_status_2(script: str, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_text("no log")
+    more = {"summary.py": [], "compare.py": [bad], "export.py": ["--csv", tmp_path / "out"]}[script]
+    result = call(script, bad, *more)
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "is not an MCAP file" in result.stderr
+
+
+def test_an_unwritable_target_is_one_line_and_status_2(run_path: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    result = call("export.py", run_path, "--csv", tmp_path / "file" / "out")
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,35 @@
+"""The plan's picture shows what the plan holds, and drawing it leaves matplotlib's global state alone."""
+
+from pathlib import Path
+
+import matplotlib.image
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import run_samples
+from matplotlib.colors import to_rgb
+
+from sandwich_sitl.errors import InputError
+from sandwich_sitl.viewing.plan_picture import draw_plan
+
+
+def pixels_of(picture: np.ndarray, colour: str) -> int:
+    return int((np.abs(picture[..., :3] - np.array(to_rgb(colour))).max(axis=-1) < 0.02).sum())
+
+
+@pytest.mark.parametrize("obstacles", [True, False])
+def test_the_picture_holds_routes_obstacles_and_barred_nodes(tmp_path: Path, obstacles: bool) -> None:
+    figures = plt.get_fignums()
+    draw_plan(run_samples.small_plan(obstacles=obstacles), tmp_path / "plan.png")
+    picture = matplotlib.image.imread(tmp_path / "plan.png")
+    assert picture.shape[1] == 2400
+    for route in ("#0b6fd6", "#e07b00", "#1d9a52"):
+        assert pixels_of(picture, route) > 500, route
+    assert pixels_of(picture, "#f4c400") > 100
+    assert (pixels_of(picture, "#8b8f98") > 10_000) is obstacles
+    assert plt.get_fignums() == figures
+
+
+def test_a_directory_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        draw_plan(run_samples.small_plan(), tmp_path / "none" / "plan.png")

@@ -1,0 +1,279 @@
+"""What the vehicle reads of a run's YAML file, as frozen dataclasses.
+
+Used: `seed, start_m, clock, logging.flush_s, mpc.rate_hz` and the strict section `vehicle:`. Every other key belongs to
+other programs and is passed over. Keys carry their units; ENU where a key says so, else body axes forward, right, down.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from vehicle_sim.autopilot.parameters import find_parameter_problem
+from vehicle_sim.errors import ConfigError
+
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+_LENIENT = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class AirframeConfig:
+    """An X quadcopter; the defaults are of the x500 class."""
+
+    mass_kg: Positive = 2.0
+    inertia_kgm2: Annotated[
+        tuple[Positive, Positive, Positive], Field(description="principal moments about forward, right, down")
+    ] = (0.0217, 0.0217, 0.04)
+    arm_m: Annotated[float, Field(gt=0, description="hub to motor")] = 0.246
+    thrust_coefficient_n_per_radps2: Annotated[float, Field(gt=0, description="thrust = k omega^2")] = 8.55e-6
+    torque_coefficient_m: Annotated[float, Field(gt=0, description="drag torque / thrust of a rotor")] = 0.016
+    motor_time_constant_s: Positive = 0.02
+    max_thrust_n: Annotated[float, Field(gt=0, description="of one rotor")] = 8.55
+    linear_drag_n_per_mps: Annotated[
+        tuple[NonNegative, NonNegative, NonNegative], Field(description="along forward, right, down")
+    ] = (0.19, 0.19, 0.1)
+    quadratic_drag_n_per_mps2: NonNegative = 0.02
+
+
+@dataclass(frozen=True, config=_STRICT)
+class WindConfig:
+    """Uniform mean wind and a first-order gust on each axis."""
+
+    mean_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust_std_mps: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(description="east, north, up")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    gust_correlation_s: Positive = 2.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SensorsConfig:
+    """White noise of the raw sensors and first-order Gauss-Markov errors of the estimate."""
+
+    accelerometer_std_mps2: NonNegative = 0.05
+    gyroscope_std_radps: NonNegative = 0.002
+    magnetometer_std_gauss: NonNegative = 0.002
+    barometer_std_hpa: NonNegative = 0.02
+    gps_horizontal_std_m: NonNegative = 0.4
+    gps_vertical_std_m: NonNegative = 0.8
+    estimate_position_std_m: NonNegative = 0.02
+    estimate_velocity_std_mps: NonNegative = 0.02
+    estimate_attitude_std_rad: NonNegative = 0.003
+    estimate_correlation_s: Positive = 5.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class BatteryConfig:
+    """A lithium-polymer pack."""
+
+    cells: Annotated[int, Field(ge=1, le=14)] = 4
+    capacity_ah: Positive = 5.0
+    initial_charge: Annotated[float, Field(ge=0, le=1, description="state of charge at boot")] = 1.0
+    internal_resistance_ohm: NonNegative = 0.02
+    base_current_a: Annotated[float, Field(ge=0, description="avionics")] = 0.6
+    efficiency: Annotated[float, Field(gt=0, le=1, description="shaft power / electrical power")] = 0.75
+
+
+@dataclass(frozen=True, config=_STRICT)
+class HomeConfig:
+    """Where the local origin lies on the earth (WGS84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-85, le=85)] = 47.397742
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545594
+    altitude_m: Annotated[float, Field(ge=-500, le=10000, description="above mean sea level")] = 488.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class VehicleConfig:
+    """The section `vehicle:`."""
+
+    airframe: AirframeConfig = field(default_factory=AirframeConfig)
+    wind: WindConfig = field(default_factory=WindConfig)
+    sensors: SensorsConfig = field(default_factory=SensorsConfig)
+    battery: BatteryConfig = field(default_factory=BatteryConfig)
+    home: HomeConfig = field(default_factory=HomeConfig)
+    initial_yaw_deg: Annotated[float, Field(ge=-360, le=360, description="heading at boot, clockwise from north")] = 0.0
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    parameters: Annotated[dict[str, float | int], Field(description="PX4 parameters by name")] = field(
+        default_factory=dict
+    )
+
+
+@dataclass(frozen=True, config=_LENIENT)
+class ClockConfig:
+    """As in the run: `lockstep` follows the peer's setpoints, `realtime` the wall clock times `speed`."""
+
+    mode: Literal["realtime", "lockstep"] = "lockstep"
+    speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+
+
+@dataclass(frozen=True, config=_LENIENT)
+class LoggingConfig:
+    """The MCAP log."""
+
+    flush_s: Positive = 0.25
+
+
+@dataclass(frozen=True, config=_LENIENT)
+class MpcConfig:
+    """Of the controller only its period, which is the lockstep period."""
+
+    rate_hz: Positive = 50.0
+
+
+@dataclass(frozen=True, config=_LENIENT)
+class RunConfig:
+    """What the vehicle uses of a run's file; `start_m` (x east, y north) is where the vehicle stands."""
+
+    start_m: tuple[float, float]
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    clock: ClockConfig = field(default_factory=ClockConfig)
+    logging: LoggingConfig = field(default_factory=LoggingConfig)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+
+    @property
+    def period_us(self) -> int:
+        """The control period of lockstep in microseconds."""
+        return 1000 * round(1000.0 / self.mpc.rate_hz)
+
+
+_RUN_ADAPTER = TypeAdapter(RunConfig)
+_VEHICLE_ADAPTER = TypeAdapter(VehicleConfig)
+
+
+def vehicle_schema() -> dict[str, Any]:
+    """The JSON Schema of the section `vehicle:`."""
+    return _VEHICLE_ADAPTER.json_schema()
+
+
+def parse_vehicle_section(mapping: Mapping[str, Any], where: str) -> VehicleConfig:
+    """Check a `vehicle:` section; `where` (such as a file's name) begins the message of a `ConfigError`."""
+    try:
+        config = _VEHICLE_ADAPTER.validate_json(json.dumps(mapping, default=str))
+    except ValidationError as error:
+        raise ConfigError(f"{where}: {_explain(error, ('vehicle',))[1]}") from error
+    problem = find_parameter_problem(config.parameters)
+    if problem is not None:
+        name, advice = problem
+        raise ConfigError(f"{where}: vehicle.parameters.{name}: {advice}")
+    return config
+
+
+def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfig:
+    """Read a run's YAML file; `overrides` maps dotted key paths ("clock.mode") to values.
+
+    Raises `ConfigError` with file, line, key path and the fix.
+    """
+    data, root = _read_mapping(path)
+    for key_path, value in (overrides or {}).items():
+        _set_value(data, key_path, value, path)
+    try:
+        config = _RUN_ADAPTER.validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        loc, text = _explain(error, ())
+        raise ConfigError(f"{path}:{_line_of(root, loc)}: {text}") from error
+    problem = find_parameter_problem(config.vehicle.parameters)
+    if problem is not None:
+        name, advice = problem
+        line = _line_of(root, ("vehicle", "parameters", name))
+        raise ConfigError(f"{path}:{line}: vehicle.parameters.{name}: {advice}")
+    _check_period(config, path, root)
+    return config
+
+
+def run_as_dict(config: RunConfig) -> dict[str, Any]:
+    """Plain data for the log's metadata."""
+    data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
+    return data
+
+
+def _check_period(config: RunConfig, path: Path, root: yaml.Node) -> None:
+    period_ms = 1000.0 / config.mpc.rate_hz
+    if abs(period_ms - round(period_ms)) > 1e-6 or not 2 <= round(period_ms) <= 200:
+        line = _line_of(root, ("mpc", "rate_hz"))
+        raise ConfigError(
+            f"{path}:{line}: mpc.rate_hz: must give a period of 2 to 200 whole milliseconds (such as 20, 25, 40, 50, 100), "
+            f"got {config.mpc.rate_hz:g}"
+        )
+
+
+def _read_mapping(path: Path) -> tuple[dict[str, Any], yaml.Node]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give the path of a run's YAML file") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not UTF-8 text; save it as UTF-8") from error
+    try:
+        data = yaml.safe_load(text)
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ConfigError(f"{path}:{line}: is not valid YAML: {error.problem}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not valid YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(data, dict) or root is None:
+        raise ConfigError(f"{path}: must be a mapping of keys such as start_m, seed, clock, vehicle")
+    return data, root
+
+
+def _set_value(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
+    *sections, last = key_path.split(".")
+    target = data
+    for section in sections:
+        target = target.setdefault(section, {})
+        if not isinstance(target, dict):
+            raise ConfigError(f"{path}: {key_path}: '{section}' is not a section")
+    target[last] = value
+
+
+def _explain(error: ValidationError, prefix: tuple[str, ...]) -> tuple[tuple[int | str, ...], str]:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    loc = (*prefix, *(part for part in first["loc"] if part not in ("float", "int")))
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return loc, f"{_dotted(loc)}: {_advice(first)}{more}"
+
+
+def _line_of(root: yaml.Node, loc: Sequence[int | str]) -> int:
+    node, line = root, root.start_mark.line
+    for part in loc:
+        if isinstance(node, yaml.MappingNode):
+            pairs = [(key, value) for key, value in node.value if key.value == str(part)]
+            if not pairs:
+                break
+            line, node = pairs[-1][0].start_mark.line, pairs[-1][1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line
+        else:
+            break
+    return int(line) + 1
+
+
+def _dotted(loc: Sequence[int | str]) -> str:
+    text = ""
+    for part in loc:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "(file)"
+
+
+def _advice(problem: Any) -> str:
+    if problem["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        return "is not a known key; remove it or mend its spelling"
+    if problem["type"] in ("missing", "missing_argument"):
+        return "is missing; add it (its unit is the end of its name)"
+    shown = json.dumps(problem.get("input"), default=str)
+    return f"{problem['msg']}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"

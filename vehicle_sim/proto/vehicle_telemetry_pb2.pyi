@@ -1,0 +1,85 @@
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from typing import ClassVar as _ClassVar, Optional as _Optional
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class VehicleTelemetry(_message.Message):
+    __slots__ = ("time_s", "position_north_m", "position_east_m", "position_down_m", "velocity_north_mps", "velocity_east_mps", "velocity_down_mps", "roll_rad", "pitch_rad", "yaw_rad", "rate_roll_radps", "rate_pitch_radps", "rate_yaw_radps", "estimate_north_m", "estimate_east_m", "estimate_down_m", "estimate_velocity_north_mps", "estimate_velocity_east_mps", "estimate_velocity_down_mps", "setpoint_north_m", "setpoint_east_m", "setpoint_down_m", "setpoint_yaw_rad", "thrust_demand", "rotor_1_radps", "rotor_2_radps", "rotor_3_radps", "rotor_4_radps", "wind_north_mps", "wind_east_mps", "wind_down_mps", "battery_voltage_v", "battery_current_a", "battery_charge", "mode", "armed", "landed", "failsafe")
+    TIME_S_FIELD_NUMBER: _ClassVar[int]
+    POSITION_NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    POSITION_EAST_M_FIELD_NUMBER: _ClassVar[int]
+    POSITION_DOWN_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_NORTH_MPS_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_EAST_MPS_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_DOWN_MPS_FIELD_NUMBER: _ClassVar[int]
+    ROLL_RAD_FIELD_NUMBER: _ClassVar[int]
+    PITCH_RAD_FIELD_NUMBER: _ClassVar[int]
+    YAW_RAD_FIELD_NUMBER: _ClassVar[int]
+    RATE_ROLL_RADPS_FIELD_NUMBER: _ClassVar[int]
+    RATE_PITCH_RADPS_FIELD_NUMBER: _ClassVar[int]
+    RATE_YAW_RADPS_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_EAST_M_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_DOWN_M_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_VELOCITY_NORTH_MPS_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_VELOCITY_EAST_MPS_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATE_VELOCITY_DOWN_MPS_FIELD_NUMBER: _ClassVar[int]
+    SETPOINT_NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    SETPOINT_EAST_M_FIELD_NUMBER: _ClassVar[int]
+    SETPOINT_DOWN_M_FIELD_NUMBER: _ClassVar[int]
+    SETPOINT_YAW_RAD_FIELD_NUMBER: _ClassVar[int]
+    THRUST_DEMAND_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_1_RADPS_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_2_RADPS_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_3_RADPS_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_4_RADPS_FIELD_NUMBER: _ClassVar[int]
+    WIND_NORTH_MPS_FIELD_NUMBER: _ClassVar[int]
+    WIND_EAST_MPS_FIELD_NUMBER: _ClassVar[int]
+    WIND_DOWN_MPS_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_VOLTAGE_V_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_CURRENT_A_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_CHARGE_FIELD_NUMBER: _ClassVar[int]
+    MODE_FIELD_NUMBER: _ClassVar[int]
+    ARMED_FIELD_NUMBER: _ClassVar[int]
+    LANDED_FIELD_NUMBER: _ClassVar[int]
+    FAILSAFE_FIELD_NUMBER: _ClassVar[int]
+    time_s: float
+    position_north_m: float
+    position_east_m: float
+    position_down_m: float
+    velocity_north_mps: float
+    velocity_east_mps: float
+    velocity_down_mps: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    rate_roll_radps: float
+    rate_pitch_radps: float
+    rate_yaw_radps: float
+    estimate_north_m: float
+    estimate_east_m: float
+    estimate_down_m: float
+    estimate_velocity_north_mps: float
+    estimate_velocity_east_mps: float
+    estimate_velocity_down_mps: float
+    setpoint_north_m: float
+    setpoint_east_m: float
+    setpoint_down_m: float
+    setpoint_yaw_rad: float
+    thrust_demand: float
+    rotor_1_radps: float
+    rotor_2_radps: float
+    rotor_3_radps: float
+    rotor_4_radps: float
+    wind_north_mps: float
+    wind_east_mps: float
+    wind_down_mps: float
+    battery_voltage_v: float
+    battery_current_a: float
+    battery_charge: float
+    mode: str
+    armed: bool
+    landed: bool
+    failsafe: bool
+    def __init__(self, time_s: _Optional[float] = ..., position_north_m: _Optional[float] = ..., position_east_m: _Optional[float] = ..., position_down_m: _Optional[float] = ..., velocity_north_mps: _Optional[float] = ..., velocity_east_mps: _Optional[float] = ..., velocity_down_mps: _Optional[float] = ..., roll_rad: _Optional[float] = ..., pitch_rad: _Optional[float] = ..., yaw_rad: _Optional[float] = ..., rate_roll_radps: _Optional[float] = ..., rate_pitch_radps: _Optional[float] = ..., rate_yaw_radps: _Optional[float] = ..., estimate_north_m: _Optional[float] = ..., estimate_east_m: _Optional[float] = ..., estimate_down_m: _Optional[float] = ..., estimate_velocity_north_mps: _Optional[float] = ..., estimate_velocity_east_mps: _Optional[float] = ..., estimate_velocity_down_mps: _Optional[float] = ..., setpoint_north_m: _Optional[float] = ..., setpoint_east_m: _Optional[float] = ..., setpoint_down_m: _Optional[float] = ..., setpoint_yaw_rad: _Optional[float] = ..., thrust_demand: _Optional[float] = ..., rotor_1_radps: _Optional[float] = ..., rotor_2_radps: _Optional[float] = ..., rotor_3_radps: _Optional[float] = ..., rotor_4_radps: _Optional[float] = ..., wind_north_mps: _Optional[float] = ..., wind_east_mps: _Optional[float] = ..., wind_down_mps: _Optional[float] = ..., battery_voltage_v: _Optional[float] = ..., battery_current_a: _Optional[float] = ..., battery_charge: _Optional[float] = ..., mode: _Optional[str] = ..., armed: _Optional[bool] = ..., landed: _Optional[bool] = ..., failsafe: _Optional[bool] = ...) -> None: ...

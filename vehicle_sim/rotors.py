@@ -1,0 +1,138 @@
+"""Four rotors in X layout: thrust and torque, first-order speed lag, mixing and its inverse.
+
+Input: rotor speeds omega_i (rad/s, >= 0). Output: wrench (thrust N along -z body, torques N m about forward, right, down).
+
+    T_i = k omega_i^2      tau_x = -sum y_i T_i      tau_y = sum x_i T_i      tau_z = sum s_i c T_i
+    d omega_i / dt = (omega_cmd,i - omega_i) / time_constant
+
+Order as PX4: 1 front right, 2 rear left (both counter-clockwise seen from above, so the body is pushed clockwise, s = +1),
+3 front left, 4 rear right (s = -1).
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
+
+from vehicle_sim.config import AirframeConfig
+
+Four = tuple[float, float, float, float]
+
+#: Sign of roll, pitch and yaw torque that more thrust on each rotor gives.
+ROLL_SIGN: Four = (-1.0, 1.0, 1.0, -1.0)
+PITCH_SIGN: Four = (1.0, -1.0, 1.0, -1.0)
+YAW_SIGN: Four = (1.0, 1.0, -1.0, -1.0)
+
+
+class Wrench(NamedTuple):
+    """Thrust (N, along -z body) and torques (N m about forward, right, down)."""
+
+    thrust_n: float
+    roll_nm: float
+    pitch_nm: float
+    yaw_nm: float
+
+
+class Demand(NamedTuple):
+    """What the rate controller asks, normalised: thrust 0..1 of full, torques -1..1 of the torque of full differential thrust."""
+
+    thrust: float
+    roll: float
+    pitch: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class RotorModel:
+    """Numbers of the four rotors, taken from the airframe once."""
+
+    thrust_coefficient: float
+    lever_m: float
+    torque_coefficient_m: float
+    max_thrust_n: float
+    time_constant_s: float
+
+    @classmethod
+    def of(cls, airframe: AirframeConfig) -> "RotorModel":
+        """`lever_m` is the distance of each motor from the roll and the pitch axis: arm / sqrt(2)."""
+        return cls(
+            airframe.thrust_coefficient_n_per_radps2,
+            airframe.arm_m * sqrt(0.5),
+            airframe.torque_coefficient_m,
+            airframe.max_thrust_n,
+            airframe.motor_time_constant_s,
+        )
+
+    @property
+    def max_speed_radps(self) -> float:
+        """Speed at full thrust and full voltage."""
+        return sqrt(self.max_thrust_n / self.thrust_coefficient)
+
+    def wrench(self, speeds_radps: Four) -> Wrench:
+        """Thrust and torque of the rotors at these speeds."""
+        a, b, c, d = speeds_radps
+        k = self.thrust_coefficient
+        t1, t2, t3, t4 = k * a * a, k * b * b, k * c * c, k * d * d
+        lever = self.lever_m
+        return Wrench(
+            t1 + t2 + t3 + t4,
+            lever * (t2 + t3 - t1 - t4),
+            lever * (t1 + t3 - t2 - t4),
+            self.torque_coefficient_m * (t1 + t2 - t3 - t4),
+        )
+
+    def speed_targets(self, fractions: Four, speed_limit_radps: float) -> Four:
+        """Speeds that give these fractions of full thrust, none above the limit that the battery's voltage sets."""
+        top, limit = self.max_speed_radps, speed_limit_radps
+        a, b, c, d = fractions
+        return (
+            min(limit, top * sqrt(a)),
+            min(limit, top * sqrt(b)),
+            min(limit, top * sqrt(c)),
+            min(limit, top * sqrt(d)),
+        )
+
+
+def lag_speeds(speeds_radps: Four, targets_radps: Four, keep: float) -> Four:
+    """One step of the first-order lag, exact for constant targets: keep = exp(-dt / time_constant)."""
+    a, b, c, d = speeds_radps
+    ta, tb, tc, td = targets_radps
+    return (ta + (a - ta) * keep, tb + (b - tb) * keep, tc + (c - tc) * keep, td + (d - td) * keep)
+
+
+def mix(demand: Demand) -> Four:
+    """Fractions 0..1 of full thrust for the four rotors.
+
+    Where not everything fits, thrust gives way first, then yaw, and roll and pitch last (both by one factor).
+    """
+    thrust, roll, pitch, yaw = demand
+    a, b, c, d = pitch - roll, roll - pitch, roll + pitch, -roll - pitch
+    spread = max(a, b, c, d) - min(a, b, c, d)
+    if spread > 1.0:
+        a, b, c, d = a / spread, b / spread, c / spread, d / spread
+        yaw = 0.0
+    else:
+        room = _yaw_room(a, b, c, d)
+        yaw = max(-room, min(room, yaw))
+    a, b, c, d = a + yaw, b + yaw, c - yaw, d - yaw
+    low, high = -min(a, b, c, d), 1.0 - max(a, b, c, d)
+    thrust = max(low, min(high, thrust))
+    return (_unit(thrust + a), _unit(thrust + b), _unit(thrust + c), _unit(thrust + d))
+
+
+def unmix(fractions: Four) -> Demand:
+    """The demand that these fractions fulfil: inverse of `mix` inside the limits."""
+    a, b, c, d = fractions
+    return Demand((a + b + c + d) / 4, (b + c - a - d) / 4, (a + c - b - d) / 4, (a + b - c - d) / 4)
+
+
+def _yaw_room(a: float, b: float, c: float, d: float) -> float:
+    """Largest |yaw| that keeps the spread of (a + yaw, b + yaw, c - yaw, d - yaw) within 1, for either sign.
+
+    Of two rotors of one group the spread does not change, of one of each it grows by at most 2 |yaw|.
+    """
+    across = max(max(a, b) - min(c, d), max(c, d) - min(a, b))
+    return max(0.0, (1.0 - across) / 2)
+
+
+def _unit(value: float) -> float:
+    return 0.0 if value < 0.0 else 1.0 if value > 1.0 else value
