@@ -54,9 +54,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _fly(arguments: argparse.Namespace) -> int:
     config = load_run(arguments.config, _overrides(arguments))
     endpoints = parse_endpoints(arguments.connect, arguments.bind)
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: stop.append(received))
     with open_socket(endpoints.bind) as sock:
         recorder = Recorder(arguments.log, config) if arguments.log is not None else None
         try:
@@ -65,6 +62,9 @@ def _fly(arguments: argparse.Namespace) -> int:
                 config.clock.mode == "lockstep",
                 recorder.sample if recorder is not None else None,
             )
+            stop: list[int] = []
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, lambda received, _frame: stop.append(received))
             server = Server(sock, endpoints, node, _pace(config), recorder)
             gc.collect()
             gc.freeze()

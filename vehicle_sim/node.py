@@ -37,6 +37,12 @@ class Journal:
     received: list[tuple[int, bytes]] = field(default_factory=list)
     texts: list[tuple[int, Text]] = field(default_factory=list)
 
+    def clear(self) -> None:
+        """Forget everything."""
+        self.sent.clear()
+        self.received.clear()
+        self.texts.clear()
+
 
 class Node:
     """Clients by address. `on_sample(vehicle, telemetry_too)` is called every 10 ms of simulation time."""

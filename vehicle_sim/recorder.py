@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from vehicle_sim.autopilot.commander import Severity
+from vehicle_sim.autopilot.commander import Severity, Text
 from vehicle_sim.config import RunConfig, run_as_dict
 from vehicle_sim.errors import VehicleError
 from vehicle_sim.node import Journal
@@ -43,6 +43,7 @@ class Recorder:
         self._start_m = config.start_m
         self._flush_s = config.logging.flush_s
         self._flushed_s: float | None = None
+        self._samples: list[tuple[int, int, bytes]] = []
         writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile="", library="vehicle-sim")
         self._writer = writer
@@ -59,38 +60,41 @@ class Recorder:
     def sample(self, vehicle: Vehicle, telemetry_too: bool) -> None:
         """The truth now, and with it the vehicle's telemetry every second time."""
         t_us = vehicle.t_us
-        self._add(self._truth, t_us, _pose(vehicle, self._start_m))
+        self._samples.append((t_us, self._truth, _pose(vehicle, self._start_m)))
         if telemetry_too:
-            self._add(self._telemetry, t_us, _telemetry(vehicle))
+            self._samples.append((t_us, self._telemetry, _telemetry(vehicle)))
 
     def write(self, journal: Journal) -> None:
-        """Empty the journal into the file."""
-        for t_us, frame in journal.received:
-            self._add(self._received, t_us, frame)
-        for t_us, frame in journal.sent:
-            self._add(self._sent, t_us, frame)
-        for t_us, text in journal.texts:
-            entry = Log(level=_LEVELS[text.severity], message=text.text, name="vehicle", file="", line=0)
-            _stamp(entry.timestamp, t_us)
-            self._add(self._log, t_us, entry.SerializeToString())
-        journal.received.clear()
-        journal.sent.clear()
-        journal.texts.clear()
-        self._flush_when_due()
+        """Empty the journal and the samples into the file, in order of time."""
+        entries = [(t_us, self._received, frame) for t_us, frame in journal.received]
+        entries += self._samples
+        entries += [(t_us, self._log, _log_entry(t_us, text)) for t_us, text in journal.texts]
+        entries += [(t_us, self._sent, frame) for t_us, frame in journal.sent]
+        entries.sort(key=lambda entry: entry[0])
+        for t_us, channel, data in entries:
+            self._writer.add_message(channel, t_us * 1000, data, t_us * 1000)
+        self._samples.clear()
+        journal.clear()
+        if entries:
+            self._flush_when_due()
 
     def close(self) -> None:
         """Write the summary and close."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
-    def _add(self, channel: int, t_us: int, data: bytes) -> None:
-        self._writer.add_message(channel, t_us * 1000, data, t_us * 1000)
-
     def _flush_when_due(self) -> None:
         now_s = monotonic()
         if self._flushed_s is None or now_s - self._flushed_s >= self._flush_s:
             self._flushed_s = now_s
             self._writer.flush()  # type: ignore[no-untyped-call]
+
+
+def _log_entry(t_us: int, text: Text) -> bytes:
+    entry = Log(level=_LEVELS[text.severity], message=text.text, name="vehicle", file="", line=0)
+    _stamp(entry.timestamp, t_us)
+    data: bytes = entry.SerializeToString()
+    return data
 
 
 def _pose(vehicle: Vehicle, start_m: tuple[float, float]) -> bytes:

@@ -83,6 +83,8 @@ class Server:
         if self._pace.lockstep:
             self._run_lockstep(stopped)
         self._node.lockstep = False
+        for session in self._node.sessions.values():
+            session.set_interval(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, 0)
         self._run_realtime(stopped)
 
     def _run_realtime(self, stopped: Callable[[], bool]) -> None:
@@ -98,11 +100,16 @@ class Server:
             self._send_all()
             now_s = monotonic()
             self._forget_silent(now_s)
-            if self._recorder is not None:
-                self._recorder.write(node.journal)
+            self._record()
             deadline_s += batch_s
             if now_s - deadline_s > _LATE_S:
                 deadline_s = now_s + batch_s
+
+    def _record(self) -> None:
+        if self._recorder is not None:
+            self._recorder.write(self._node.journal)
+        else:
+            self._node.journal.clear()
 
     def _receive_until(self, deadline_s: float, stopped: Callable[[], bool]) -> None:
         while not stopped():
@@ -129,8 +136,7 @@ class Server:
                 announced_s = now_s
                 self._send_announcement()
             self._forget_silent(now_s)
-            if self._recorder is not None:
-                self._recorder.write(self._node.journal)
+            self._record()
 
     def _take_lockstep(self, address: Address, datagram: bytes) -> bool:
         """Handle one datagram; true when it was the peer's tick or its retry."""
@@ -206,7 +212,7 @@ class Server:
         self._heard_s[address] = monotonic()
         known = address in self._node.sessions
         session = self._node.session(address)
-        if self._pace.lockstep and not known:
+        if self._node.lockstep and not known:
             session.skip_sequence(2)
             session.set_interval(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, -1)
         return session

@@ -1,7 +1,7 @@
 """Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them (paper, section III-C; notes N1-N4).
 
-All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its arc
-length along its wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from
+All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its advance
+along its wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from
 isotonic regression. Between two neighbouring fixed nodes Algorithm 1 spreads nodes uniformly along the arc. Both
 sides of a piece get the same number.
 """
@@ -16,6 +16,8 @@ from scipy.optimize import isotonic_regression
 from sandwich_sitl.channels.dividers import Piece
 
 Array = NDArray[np.float64]
+
+_ARC_SHARE = 0.3  # of a wall's arc length that counts beside its advance in x: steep faces get columns too
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,16 @@ def integer_columns(wishes: Array, least: Sequence[int], last: int) -> NDArray[n
 
 
 def _progress(pieces: tuple[Piece, ...]) -> Array:
-    """x of the ends of the pieces (len + 1,), made monotone: the mean of the furthest x so far and the least x to come.
+    """x of the ends of the pieces (len + 1,), made monotone: only a barrier that overhangs its border needs that."""
+    sizes = np.cumsum([len(piece.lower) for piece in pieces])
+    x = _monotone(np.concatenate([piece.lower[:, 0] for piece in pieces]))
+    return np.concatenate([x[:1], x[sizes - 1]])
 
-    Only a barrier that overhangs the border it touches needs it; for all others this is their x.
-    """
-    x = [piece.lower[:, 0] for piece in pieces]
-    furthest = np.maximum.accumulate([x[0][0], *(part.max() for part in x)])
-    to_come = np.minimum.accumulate([x[-1][-1], *(part.min() for part in reversed(x))])[::-1]
-    return np.asarray((furthest + to_come) / 2)
+
+def _monotone(x: Array) -> Array:
+    """x along a path (n,), made monotone: the mean of the furthest x so far and the least x to come."""
+    to_come = np.minimum.accumulate(x[::-1])[::-1]
+    return np.asarray((np.maximum.accumulate(x) + to_come) / 2)
 
 
 def _least_intervals(piece: Piece) -> int:
@@ -94,8 +98,9 @@ def _least_intervals(piece: Piece) -> int:
 
 
 def _wall_nodes(path: Array, intervals: int) -> Array:
-    arc = _arc_length(path)
-    columns = integer_columns(arc / arc[-1] * intervals, [1] * (len(path) - 1), intervals)
+    advance = _ARC_SHARE * _arc_length(path) + _monotone(path[:, 0])
+    advance = advance - advance[0]
+    columns = integer_columns(advance / advance[-1] * intervals, [1] * (len(path) - 1), intervals)
     parts = [
         along_arc(path[k : k + 2], int(columns[k + 1] - columns[k]) + 1)[: -1 if k < len(path) - 2 else None]
         for k in range(len(path) - 1)

@@ -29,7 +29,7 @@ from sandwich_sitl.world.pockets import dead_ends, fill
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-_MOUTHS = (0.0, 2.0, 4.0, 8.0, 16.0)  # in cells: dead ends behind narrower mouths are closed, tried in turn
+_MOUTHS = (0.0, 4.0, 8.0, 16.0)  # in cells: dead ends behind narrower mouths are closed, tried in turn
 _LEAST_SINE = 0.01  # of a corner's angle: 0.6 degrees
 _TOLERANCE = 1e-3  # of a cell: Picard steps end when no node moves more
 

@@ -24,7 +24,7 @@ _LAMBDA = 1.0
 _RINGS = (3, 8, 20, 1000)  # how many cells a patch reaches beyond the bad ones, tried in turn
 _AROUND = np.ones((3, 3), dtype=bool)
 _OUTER_STEPS = 25
-_PATIENCE = 3  # rounds after which at least a fifth of the folded corners must have gone
+_PATIENCE = 4  # rounds in which the worst determinant may stay where it is while eps shrinks
 
 # Corner (i, j) of a quad with its neighbours along phi and psi, and the sign of its turn.
 _CORNERS = (
@@ -117,14 +117,16 @@ class _Energy:
 
     def minimise(self, least_sine: float) -> Array:
         """Nodes (N, 2) after at most `_OUTER_STEPS` rounds of L-BFGS with shrinking eps."""
-        history: list[int] = []
+        eps, last_worst, waited = 1.0, -np.inf, 0
         for _ in range(_OUTER_STEPS):
-            determinants = self._determinants()
-            worst = float(determinants.min())
-            history.append(int((determinants <= 0).sum()))
-            if len(history) > _PATIENCE and history[-1] > 0.8 * history[-1 - _PATIENCE]:
+            worst = float(self._determinants().min())
+            waited = 0 if worst > 0.9 * last_worst else waited + 1
+            if waited > _PATIENCE:
                 break
-            self._eps = float(np.sqrt(1e-12 + 0.04 * min(worst, 0.0) ** 2))
+            # A stationary point that still has folds: a smaller eps makes them dearer.
+            eps = min(0.2 * abs(min(worst, 0.0)), eps * (0.5 if waited else 1.0))
+            last_worst = max(last_worst, worst)
+            self._eps = float(np.sqrt(1e-12 + eps**2))
             result = minimize(
                 self._value, self._nodes[self._movable].ravel(), jac=True, method="L-BFGS-B",
                 options={"maxiter": 300, "maxcor": 20, "maxfun": 600},
