@@ -190,7 +190,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            key = self.construct_object(key_node, deep=True)
             if key in seen:
                 raise yaml.MarkedYAMLError(problem=f"key '{key}' stands twice", problem_mark=key_node.start_mark)
             seen.add(key)
@@ -261,16 +261,14 @@ def _child(node: yaml.Node, part: int | str) -> yaml.Node | None:
     if isinstance(node, yaml.MappingNode):
         for key_node, value_node in node.value:
             if key_node.value == str(part):
-                return (
-                    value_node if isinstance(value_node, yaml.ScalarNode) else key_node_with_value(key_node, value_node)
-                )
+                return value_node if isinstance(value_node, yaml.ScalarNode) else _placed_at_key(key_node, value_node)
     if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
         item: yaml.Node = node.value[part]
         return item
     return None
 
 
-def key_node_with_value(key_node: yaml.Node, value_node: yaml.Node) -> yaml.Node:
+def _placed_at_key(key_node: yaml.Node, value_node: yaml.Node) -> yaml.Node:
     """The value's node, placed at the line of its key (a block's own mark is the line after it)."""
     value_node.start_mark = key_node.start_mark
     return value_node

@@ -8,6 +8,7 @@ import dataclasses
 import json
 import platform
 import select
+import socket
 import subprocess
 import sys
 import time
@@ -35,6 +36,8 @@ from vehicle_sim.errors import VehicleError
 
 _VEHICLE_START_S = 20.0
 _VEHICLE_STOP_S = 5.0
+_PORT_STEP = 40  # PX4: instance i listens on 14580 + i and sends to 14540 + i
+_HIGHEST_PORT = 65535 - _PORT_STEP
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,13 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
 def run(
     config: RunConfig, config_path: Path, out: Path, progress: Progress, stop: Callable[[], int], live: bool
 ) -> RunResult:
-    """One whole run into the directory `out`: `plan`, both logs, `run.mcap`, `summary.json`."""
+    """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`."""
     check_vehicle_section(config, config_path)
-    out.mkdir(parents=True, exist_ok=True)
+    ports = _ports(config, config_path)
     plan = make_plan(config, config_path, progress)
+    config = dataclasses.replace(config, link=dataclasses.replace(config.link, uri=f"udpin://{ports.offboard}"))
     vehicle_log = out / "vehicle.mcap"
-    vehicle = _start_vehicle(config, config_path, vehicle_log)
+    vehicle = _start_vehicle(config, config_path, ports, vehicle_log)
     viewer = subprocess.Popen(live_command(config.zenoh)) if live else None
     try:
         result = offboard(config, plan, out / "offboard.mcap", progress, stop)
@@ -160,18 +164,35 @@ def _violation(summary: dict[str, Any], plan: FlightPlan | None) -> str | None:
     return f"safety violation: passed {clearance:.3f} m from an obstacle, the vehicle's radius is {plan.vehicle_radius_m:g} m"
 
 
-def _start_vehicle(config: RunConfig, config_path: Path, log_path: Path) -> subprocess.Popen[str]:
-    """Start `vehicle-sim` on the port that the offboard process will listen on, and wait until it is bound."""
+@dataclass(frozen=True)
+class _Ports:
+    """HOST:PORT of both programs."""
+
+    offboard: str
+    vehicle: str
+
+
+def _ports(config: RunConfig, config_path: Path) -> _Ports:
+    """Where the two programs meet: PX4's pair (14540, 14580) or any two 40 apart; port 0 stands for two free ones."""
     scheme, _, address = config.link.uri.partition("://")
-    if scheme != "udpin":
+    host, _, port = address.rpartition(":")
+    if scheme != "udpin" or not host or not port.isdecimal() or int(port) > _HIGHEST_PORT:
         raise InputError(
             f"{config_path}: link.uri: {config.link.uri}: `run` starts the vehicle itself and needs udpin://HOST:PORT; "
             "use `sandwich-sitl offboard` to fly a vehicle that is already there"
         )
-    host, _, port = address.rpartition(":")
+    if int(port) != 0:
+        return _Ports(address, f"{host}:{int(port) + _PORT_STEP}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((host, 0))
+        return _Ports(f"{host}:{probe.getsockname()[1]}", f"{host}:0")
+
+
+def _start_vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path) -> subprocess.Popen[str]:
+    """Start `vehicle-sim` and wait until its port is bound."""
     command = [
         sys.executable, "-m", "vehicle_sim", str(config_path),
-        "--connect", f"udpout://{host}:{port}", "--bind", f"{host}:{int(port) + 40}", "--log", str(log_path),
+        "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
         "--clock", config.clock.mode, "--speed", str(config.clock.speed), "--seed", str(config.seed),
         "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",
         "--set", f"start_m={json.dumps(config.start_m)}",

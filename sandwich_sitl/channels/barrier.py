@@ -15,15 +15,14 @@ Array = NDArray[np.float64]
 class Barrier:
     """One obstacle, or several that interlock, as the map sees it: a ring, its hull and its name.
 
-    `index` is the position of its (first) polygon in the grown world. `ring_m` (V, 2) is counter-clockwise and has the tips as
-    vertices. `bridges_m` (B, 2, 2) are the segments that tie interlocking obstacles together; the map bars crossing them too.
-    A tip is None where the barrier ends at a border.
+    `index` is the position of its (first) polygon in the grown world. `ring_m` (V, 2) is counter-clockwise and has the
+    tips as vertices; thin bridges that tie interlocking obstacles together are part of it. A tip is None where
+    the barrier ends at a border.
     """
 
     index: int
     name: str
     ring_m: Array
     hull: VerticalHull
-    bridges_m: Array
     left_tip: Tip | None = None
     right_tip: Tip | None = None

@@ -1,5 +1,6 @@
-"""Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them (paper, section III-C; notes N1-N4).
+"""Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them.
 
+Source: paper, section III-C; notes N1-N4.
 All streamlines share the columns 0 .. m_phi - 1. A tip wants the column of its x; a corner the column of its advance
 along its wall. Integers that keep the order and leave room for the corners, nearest to those wishes, come from
 isotonic regression. Between two neighbouring fixed nodes Algorithm 1 spreads nodes uniformly along the arc. Both
@@ -25,13 +26,11 @@ class Streamline:
     """Nodes of one streamline: `lower` and `upper` (m_phi, 2) are its two sides, equal where it is free.
 
     `barrier` (m_phi,) is the obstacle's index where the two sides are different nodes, -1 where they are one.
-    `on_wall` (m_phi,) is true on any node of a wall, tips included.
     """
 
     lower: Array
     upper: Array
     barrier: NDArray[np.int64]
-    on_wall: NDArray[np.bool_]
 
 
 def columns_needed(streamlines: Sequence[tuple[Piece, ...]]) -> int:
@@ -45,7 +44,7 @@ def spread_nodes(pieces: tuple[Piece, ...], x_min: float, x_max: float, m_phi: i
     wishes = (_progress(pieces) - x_min) / (x_max - x_min) * last
     columns = integer_columns(wishes, [_least_intervals(piece) for piece in pieces], last)
     lower, upper = np.empty((m_phi, 2)), np.empty((m_phi, 2))
-    barrier, on_wall = np.full(m_phi, -1), np.zeros(m_phi, dtype=bool)
+    barrier = np.full(m_phi, -1)
     for piece, start, end in zip(pieces, columns[:-1], columns[1:], strict=True):
         span = slice(int(start), int(end) + 1)
         if piece.barrier is None:
@@ -53,10 +52,9 @@ def spread_nodes(pieces: tuple[Piece, ...], x_min: float, x_max: float, m_phi: i
             continue
         lower[span] = _wall_nodes(piece.lower, int(end - start))
         upper[span] = _wall_nodes(piece.upper, int(end - start))
-        on_wall[span] = True
         apart = np.flatnonzero((lower[span] != upper[span]).any(axis=1)) + int(start)
         barrier[apart] = piece.barrier.index
-    return Streamline(lower, upper, barrier, on_wall)
+    return Streamline(lower, upper, barrier)
 
 
 def along_arc(path: Array, nodes: int) -> Array:
@@ -69,7 +67,7 @@ def along_arc(path: Array, nodes: int) -> Array:
 
 
 def integer_columns(wishes: Array, least: Sequence[int], last: int) -> NDArray[np.int64]:
-    """Integers c with c[0] = 0, c[-1] = last, c[k + 1] - c[k] >= least[k], nearest to `wishes` (least squares, rounded)."""
+    """Integers c nearest to `wishes` (least squares, rounded): c[0] = 0, c[-1] = last, c[k + 1] - c[k] >= least[k]."""
     used = np.concatenate([[0], np.cumsum(least)])
     slack = last - used[-1]
     relaxed = isotonic_regression(np.clip(wishes - used, 0.0, slack)).x

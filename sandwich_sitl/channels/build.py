@@ -43,7 +43,7 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, keep: tup
     for mouth in _MOUTHS:
         pockets = dead_ends(grown, mouth * cell_m, keep) if mouth else []
         try:
-            return _build(fill(grown, pockets), grown.free_area_m2, cell_m, min_rows)
+            return _build(grown, pockets, cell_m, min_rows)
         except _FoldedChannelError as error:
             refused = str(error)
     raise MapError(
@@ -56,9 +56,10 @@ class _FoldedChannelError(Exception):
     """A channel whose cells could not all be unfolded."""
 
 
-def _build(grown: GrownWorld, free_area_m2: float, cell_m: float, min_rows: int) -> ChannelMap:
+def _build(grown: GrownWorld, pockets: list[shapely.Polygon], cell_m: float, min_rows: int) -> ChannelMap:
     x_min, y_min, x_max, y_max = grown.bounds_m
-    groups = classify(grown)
+    filled = fill(grown, pockets)
+    groups = classify(filled)
     dividers = lay_dividers(groups, grown.bounds_m, cell_m)
     m_phi = max(int(np.ceil((x_max - x_min) / cell_m)) + 1, columns_needed(dividers))
     streamlines = [spread_nodes(pieces, x_min, x_max, m_phi) for pieces in dividers]
@@ -69,16 +70,24 @@ def _build(grown: GrownWorld, free_area_m2: float, cell_m: float, min_rows: int)
         repaired += int(grid.repaired.sum())
         residuals.append(_largest_residual(grid.xy_m, grid.repaired))
     inner = streamlines[1:-1]
+    barrier = np.array([line.barrier for line in inner], dtype=np.int64).reshape(len(inner), m_phi)
     mean_heights = [float(line.lower[:, 1].mean() + line.upper[:, 1].mean()) / 2 for line in inner]
     return ChannelMap(
         bounds_m=grown.bounds_m,
         xy_m=tuple(grids),
-        barred=np.array([line.barrier >= 0 for line in inner], dtype=bool).reshape(len(inner), m_phi),
-        barrier=np.array([line.barrier for line in inner], dtype=np.int64).reshape(len(inner), m_phi),
+        barred=barrier >= 0,
+        barrier=np.where(barrier >= 0, _origins(filled, grown)[barrier], -1),
         Psi=np.maximum.accumulate(np.array([y_min, *mean_heights, y_max])),
         phi=np.linspace(x_min, x_max, m_phi),
-        quality=_quality(grids, streamlines, repaired, max(residuals), free_area_m2),
+        quality=_quality(grids, streamlines, repaired, max(residuals), grown.free_area_m2),
     )
+
+
+def _origins(filled: GrownWorld, grown: GrownWorld) -> NDArray[np.int64]:
+    """For each polygon with its pockets filled, the first polygon of the grown world in it; last, a -1 for none."""
+    tree = shapely.STRtree(list(grown.polygons))
+    inside = [tree.query(polygon, predicate="intersects") for polygon in filled.polygons]
+    return np.array([*(int(found.min()) if found.size else -1 for found in inside), -1], dtype=np.int64)
 
 
 def _mapped_channel(bottom: Array, top: Array, cell_m: float, min_rows: int, name: str) -> Untangled:

@@ -30,9 +30,10 @@ class MapQuality:
 class ChannelMap:
     """Checked channel map.
 
-    `xy_m[d]` has shape (m_phi, m_d, 2); `barred[d, i]` (p - 1, m_phi) is true where dividing streamline d is an obstacle wall in
-    column i; `barrier[d, i]` is the index of that obstacle in the grown world (-1 where free); `Psi` (p + 1,) are the
-    stream values of the dividing streamlines with the two borders; `phi` (m_phi,) the potential of each column.
+    `xy_m[d]` has shape (m_phi, m_d, 2); `barred[d, i]` (p - 1, m_phi) is true where dividing streamline d is an
+    obstacle wall in column i; `barrier[d, i]` is the index of that obstacle in the grown world (-1 where free); `Psi`
+    (p + 1,) are the stream values of the dividing streamlines with the two borders; `phi` (m_phi,) the potential of
+    each column.
     """
 
     bounds_m: tuple[float, float, float, float]

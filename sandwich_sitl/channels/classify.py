@@ -32,11 +32,6 @@ class Classification:
     top: tuple[Barrier, ...]
     groups: tuple[tuple[Barrier, ...], ...]
 
-    @property
-    def channels(self) -> int:
-        """p."""
-        return len(self.groups) + 1
-
 
 def classify(grown: GrownWorld) -> Classification:
     """Group the obstacles of a grown world.
@@ -84,7 +79,7 @@ def _touches(ring: Array, y: float) -> bool:
 
 
 def _along_border(barriers: list[Barrier], y: float, bounds: tuple[float, float, float, float]) -> tuple[Barrier, ...]:
-    """Left to right by their contact with the border; one in a pocket that another encloses with the border is dropped."""
+    """Left to right by contact with the border; one in a pocket that another encloses with the border is dropped."""
 
     def contact(barrier: Barrier) -> tuple[float, float]:
         ring = barrier.ring_m
@@ -115,11 +110,11 @@ def _untangled(grown: GrownWorld) -> list[Barrier]:
 
 def _single(index: int, grown: GrownWorld) -> Barrier:
     ring = _snapped(grown.rings_m()[index], grown.bounds_m)
-    return Barrier(index, grown.names[index], ring, _hull_of(ring, grown.bounds_m), np.empty((0, 2, 2)))
+    return Barrier(index, grown.names[index], ring, _hull_of(ring, grown.bounds_m))
 
 
 def _tied(a: Barrier, b: Barrier, grown: GrownWorld) -> list[Barrier]:
-    """Two barriers that interlock, tied by a thin bridge: with each other, or one of them with the border the other touches.
+    """Two barriers that interlock, tied by a thin bridge: together, or one of them with the border the other touches.
 
     Filling the ground between them would lose it; a bridge bars one crossing and loses a strip of `_BRIDGE_M`.
     """
@@ -140,9 +135,8 @@ def _joined(barriers: list[Barrier], bridge: shapely.LineString, bounds: tuple[f
     union = shapely.union_all([strip, *(shapely.Polygon(barrier.ring_m) for barrier in barriers)])
     assert isinstance(union, shapely.Polygon)
     ring = _snapped(shapely.get_coordinates(shapely.orient_polygons(union).exterior)[:-1], bounds)
-    bridges = np.concatenate([*(barrier.bridges_m for barrier in barriers), shapely.get_coordinates(bridge)[None]])
     index, name = min(barrier.index for barrier in barriers), "+".join(barrier.name for barrier in barriers)
-    return Barrier(index, name, ring, _hull_of(ring, bounds), bridges)
+    return Barrier(index, name, ring, _hull_of(ring, bounds))
 
 
 def _snapped(ring: Array, bounds: tuple[float, float, float, float]) -> Array:

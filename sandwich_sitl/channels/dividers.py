@@ -1,5 +1,6 @@
-"""Dividing streamlines: smooth, evenly spaced curves that carry each group of obstacles (paper, section III-A; notes N6).
+"""Dividing streamlines: smooth, evenly spaced curves that carry each group of obstacles.
 
+Source: paper, section III-A; notes N6.
 Streamline d is a function y = d(x) wherever it is free; it ends at the tips of the obstacles of its group. At every
 column (a uniform grid and every x at which a hull has a vertex) the streamlines keep their order and stay off the
 hulls of the other groups, by at least a share of the gap that equal spacing would give them. Between columns
@@ -41,7 +42,7 @@ class Piece:
 def lay_dividers(
     groups: Classification, bounds: tuple[float, float, float, float], column_m: float
 ) -> tuple[tuple[Piece, ...], ...]:
-    """Pieces of the p + 1 streamlines from the bottom border (0) over the dividing ones (1 .. p - 1) to the top border (p)."""
+    """Pieces of the p + 1 streamlines: the bottom border (0), the dividing ones (1 .. p - 1), the top border (p)."""
     x = _columns(groups, bounds, column_m)
     low, high = _extents(groups, bounds, x)
     y = _smooth(x, low, high, groups.groups, bounds)
@@ -184,21 +185,28 @@ def _bending(x: Array, free: NDArray[np.bool_]) -> sp.csc_array:
     smallest = 0.2 * float(np.median(np.diff(x)))
     h0, h1 = np.maximum(h0, smallest), np.maximum(h1, smallest)
     n = len(x)
-    second = sp.diags_array(
-        [2 / (h0 * (h0 + h1)) * scale, -2 / (h0 * h1) * scale, 2 / (h1 * (h0 + h1)) * scale],
-        offsets=[0, 1, 2],
-        shape=(n - 2, n),
-    )
-    second = sp.csr_array(second)[np.flatnonzero(free[1:-1])]
-    return sp.csc_array(second.T @ second)
+    left, middle, right = 2 / (h0 * (h0 + h1)) * scale, -2 / (h0 * h1) * scale, 2 / (h1 * (h0 + h1)) * scale
+    return _normal_matrix(_banded((left, middle, right), n), free[1:-1])
 
 
 def _slope(x: Array, free: NDArray[np.bool_]) -> sp.csc_array:
     """Integral of the squared first derivative as a matrix (n, n), over intervals with a free end."""
     h = np.diff(x)
-    first = sp.diags_array([-1 / np.sqrt(h), 1 / np.sqrt(h)], offsets=[0, 1], shape=(len(x) - 1, len(x)))
-    first = sp.csr_array(first)[np.flatnonzero(free[:-1] | free[1:])]
-    return sp.csc_array(first.T @ first)
+    return _normal_matrix(_banded((-1 / np.sqrt(h), 1 / np.sqrt(h)), len(x)), free[:-1] | free[1:])
+
+
+def _banded(bands: tuple[Array, ...], columns: int) -> sp.csr_array:
+    """Row k has bands[0][k], bands[1][k], ... from column k on."""
+    rows = len(bands[0])
+    row = np.tile(np.arange(rows), len(bands))
+    column = row + np.repeat(np.arange(len(bands)), rows)
+    return sp.csr_array((np.concatenate(bands), (row, column)), shape=(rows, columns))
+
+
+def _normal_matrix(difference: sp.csr_array, rows: NDArray[np.bool_]) -> sp.csc_array:
+    """D' D over the chosen rows of a difference operator D."""
+    chosen = difference[np.flatnonzero(rows)]
+    return sp.csc_array(chosen.T @ chosen)
 
 
 def _pieces(

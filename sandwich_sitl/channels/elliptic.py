@@ -1,6 +1,7 @@
 """Eq. (ellipticpde) on one channel by finite differences, boundary nodes given (Dirichlet; paper, section III).
 
-    a x_phiphi - 2 b x_phipsi + c x_psipsi = 0,   a = x_psi^2 + y_psi^2,  b = x_phi x_psi + y_phi y_psi,  c = x_phi^2 + y_phi^2
+    a x_phiphi - 2 b x_phipsi + c x_psipsi = 0,
+    a = x_psi^2 + y_psi^2,   b = x_phi x_psi + y_phi y_psi,   c = x_phi^2 + y_phi^2
 
 and the same for y. Unit spacing in phi and psi: each term carries 1 / (dphi^2 dpsi^2), so the spacing drops out.
 Central differences, the coefficients frozen from the last iterate (Picard), one sparse LU for x and y together. The
@@ -22,10 +23,9 @@ _MOST_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class EllipticGrid:
-    """Solution (m_phi, m_j, 2) with the number of Picard steps taken and the last step's largest move in metres."""
+    """Solution (m_phi, m_j, 2) with the largest move of the last Picard step in metres."""
 
     xy_m: Array
-    iterations: int
     last_move_m: float
 
 
@@ -36,17 +36,17 @@ def interpolate(bottom: Array, top: Array, rows: int) -> Array:
 
 
 def solve_elliptic(start: Array, tolerance_m: float) -> EllipticGrid:
-    """Iterate from `start` (m_phi, m_j, 2), whose outer nodes are the boundary values, until no node moves `tolerance_m`."""
+    """Iterate from `start` (m_phi, m_j, 2), whose outer nodes are the boundary values, until no node moves more."""
     xy, move, iterations = start, np.inf, 0
     while move >= tolerance_m and iterations < _MOST_ITERATIONS:
         solved = _picard_step(xy)
         move = float(np.abs(solved - xy).max())
         xy, iterations = solved, iterations + 1
-    return EllipticGrid(xy, iterations, move)
+    return EllipticGrid(xy, move)
 
 
 def residual(xy: Array) -> Array:
-    """Residual (m_phi - 2, m_j - 2) of Eq. (ellipticpde), as the displacement in metres that a Jacobi step would make."""
+    """Residual (m_phi - 2, m_j - 2) of Eq. (ellipticpde), as the displacement in metres of a Jacobi step."""
     a, b, c = _coefficients(xy)
     terms = (
         a[..., None] * (xy[2:, 1:-1] - 2 * xy[1:-1, 1:-1] + xy[:-2, 1:-1])

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 class VerticalHull:
     """Strips (S,) between consecutive vertex positions `x` (S + 1,) with the envelopes at both ends of each strip.
 
-    `low_left, low_right, high_left, high_right` (S,) are y at the strip's left and right end, so that a vertical edge shows as
-    a step between neighbouring strips.
+    `low_left, low_right, high_left, high_right` (S,) are y at the strip's left and right end, so that a vertical edge
+    shows as a step between neighbouring strips.
     """
 
     x: Array
@@ -76,7 +76,10 @@ def ring_edges(ring: Array) -> Array:
 
 
 def vertical_hull(edges: Array, floor: float | None = None, ceiling: float | None = None) -> VerticalHull:
-    """The vertical hull of a connected set of edges (E, 2, 2); `floor` or `ceiling` extend it to that y (border obstacles)."""
+    """The vertical hull of a connected set of edges (E, 2, 2).
+
+    `floor` or `ceiling` extend it to that y (border obstacles).
+    """
     edges = edges.copy()
     swap = edges[:, 0, 0] > edges[:, 1, 0]
     edges[swap] = edges[swap, ::-1]

@@ -4,6 +4,7 @@ import json
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ _FORMAT = 1
 
 def save_map(channel_map: ChannelMap, path: Path) -> None:
     """Write the map; channels are stored one array each. Raises `InputError` when the file cannot be written."""
-    arrays = {f"channel{d}": xy for d, xy in enumerate(channel_map.xy_m)}
+    arrays: dict[str, Any] = {f"channel{d}": xy for d, xy in enumerate(channel_map.xy_m)}
     header = {"format": _FORMAT, "bounds_m": channel_map.bounds_m, "quality": asdict(channel_map.quality)}
     try:
         np.savez(

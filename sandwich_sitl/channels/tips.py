@@ -20,11 +20,10 @@ _STEEP = np.tan(np.radians(55.0))  # |dy/dx| from which an edge counts to the fa
 
 @dataclass(frozen=True)
 class Tip:
-    """`point_m` (2,) on the ring, the x at which the free streamline ends, and the sliver between (None when empty)."""
+    """`point_m` (2,) on the ring, and the x at which the free streamline ends."""
 
     point_m: Array
     x_end_m: float
-    sliver: Polygon | None
 
     def edges(self, extreme: Array) -> Array:
         """The way out and the drop to the extreme vertex, as edges (2, 2, 2) for the hull."""
@@ -36,14 +35,14 @@ def place_tip(ring: Array, *, left: bool, others: list[Polygon]) -> Tip:
     """The tip of a counter-clockwise ring (V, 2) on its left or right side; slivers stay clear of `others`."""
     x_end = float(ring[:, 0].min() if left else ring[:, 0].max())
     extreme = int(np.flatnonzero(ring[:, 0] == x_end)[0])
-    plain = Tip(ring[extreme], x_end, None)
+    plain = Tip(ring[extreme], x_end)
     face = _face(ring, extreme)
     point = _middle(face)
     if np.array_equal(point, plain.point_m):
         return plain
     start = np.array([x_end, point[1]])
     if point[0] == x_end:
-        return Tip(point, x_end, None)
+        return Tip(point, x_end)
     between = (
         face[np.minimum(face[:, 1], point[1]) == face[:, 1]]
         if ring[extreme, 1] < point[1]
@@ -55,7 +54,7 @@ def place_tip(ring: Array, *, left: bool, others: list[Polygon]) -> Tip:
     clear = not shapely.intersects(sliver, shapely.union_all(others)) if others else True
     if not isinstance(sliver, Polygon) or not clear or body.intersection(reach).length > 1e-9:
         return plain
-    return Tip(point, x_end, sliver)
+    return Tip(point, x_end)
 
 
 def insert_vertex(ring: Array, point: Array) -> Array:

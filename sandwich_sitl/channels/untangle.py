@@ -57,13 +57,13 @@ def corner_sines(xy: Array) -> Array:
 def untangle(xy: Array, least_sine: float) -> Untangled:
     """Move interior nodes near cells with a corner sine below `least_sine` until none is left.
 
-    Patches grow until their own boundary leaves room for the mend; the last one is the whole channel. What cannot be mended
-    stays as it was: the caller checks.
+    Patches grow until their own boundary leaves room for the mend; the last one is the whole channel. What cannot be
+    mended stays as it was: the caller checks.
     """
     xy = xy.copy()
     repaired = np.zeros((xy.shape[0] - 1, xy.shape[1] - 1), dtype=bool)
     for rings in _RINGS:
-        bad = (corner_sines(xy) < least_sine).any(axis=-1)
+        bad = np.asarray((corner_sines(xy) < least_sine).any(axis=-1))
         if not bad.any():
             break
         patches, count = label(binary_dilation(bad, structure=_AROUND, iterations=rings), structure=_AROUND)

@@ -61,6 +61,6 @@ def _ends(ring: Array, tip: Tip | None, border_x: float) -> tuple[int, int]:
 
 
 def _chain(ring: Array, start: int, end: int) -> Array:
-    """Vertices from `start` to `end` in the ring's (counter-clockwise) order, both included; once round where they are one."""
+    """Vertices from `start` to `end` counter-clockwise, both included; once round where they are one."""
     count = (end - start - 1) % len(ring) + 2
     return ring[(start + np.arange(count)) % len(ring)]

@@ -30,4 +30,5 @@ def quadruple_integrator(step_s: float, discretisation: Literal["euler", "zoh"])
     else:
         chain = sum((step_s**k / factorial(k) * np.eye(4, k=k) for k in range(4)), np.zeros((4, 4)))
         drive = np.array([step_s ** (4 - row) / factorial(4 - row) for row in range(4)])
-    return LinearModel(np.kron(chain, np.eye(3)), np.kron(drive[:, None], np.eye(3)), step_s)
+    A_p, B_p = np.kron(chain, np.eye(3)), np.kron(drive[:, None], np.eye(3))
+    return LinearModel(A_p.astype(np.float64), B_p.astype(np.float64), step_s)

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sandwich_sitl.control.model import quadruple_integrator
-from sandwich_sitl.control.stacking import cost_matrix, selector, stack
+from sandwich_sitl.control.stacking import cost_matrix, cost_vector, selector, stack
 
 Array = NDArray[np.float64]
 
@@ -54,20 +54,19 @@ class Mpc:
     def __init__(
         self, n_tau: int, step_s: float, discretisation: Literal["euler", "zoh"], bandwidth_radps: float, faces: int
     ) -> None:
-        self.n_tau, self.step_s, self.faces = n_tau, step_s, faces
-        beta = bandwidth_radps**8
+        self.n_tau, self.faces = n_tau, faces
+        self._beta = beta = bandwidth_radps**8
         prediction = stack(quadruple_integrator(step_s, discretisation), n_tau)
         self._G, self._H = prediction.G, prediction.H
         plane = np.flatnonzero(np.arange(3 * n_tau) % 3 < 2)
         C_p, C_z = selector(n_tau, (0, 1)), selector(n_tau, (2,))
-        H_xy, H_z = self._H[:, plane], self._H[:, 2::3]
+        self._CH_xy, self._CH_z = C_p @ self._H[:, plane], C_z @ self._H[:, 2::3]
         self._CG_xy, self._CG_z = C_p @ self._G, C_z @ self._G
-        factor = np.linalg.cholesky(cost_matrix(H_xy, C_p, np.ones(2 * n_tau), beta) / beta)
+        self._F_xy, self._F_z = np.ones(2 * n_tau), np.full(n_tau, _Z_WEIGHT)
+        factor = np.linalg.cholesky(cost_matrix(self._CH_xy, self._F_xy, beta) / beta)
         self._unwhiten = np.linalg.inv(factor).T
-        self._M = C_p @ H_xy @ self._unwhiten
-        weights_z = np.full(n_tau, _Z_WEIGHT)
-        W1_z = cost_matrix(H_z, C_z, weights_z, beta)
-        self._gain_z = np.linalg.solve(W1_z, beta * (C_z @ H_z).T * weights_z)
+        self._M = self._CH_xy @ self._unwhiten
+        self._inverse_W1_z = np.linalg.inv(cost_matrix(self._CH_z, self._F_z, beta))
         self._plane = plane
         self._snap = np.zeros(3 * n_tau)
         self._solver = self._set_up()
@@ -79,7 +78,8 @@ class Mpc:
         M = self._M.reshape(n, 2, 2 * n)
         A = np.concatenate([(Lambda @ M).reshape(n * self.faces, 2 * n), np.zeros((n, 2 * n))])
         upper = np.concatenate([(Gamma - (Lambda @ drift.reshape(n, 2, 1))[..., 0]).ravel(), np.zeros(n)])
-        q = np.concatenate([self._M.T @ (drift - desired_m[:, :2].ravel()), np.full(n, _RHO_1)])
+        w2 = cost_vector(self._CH_xy, self._F_xy, self._beta, drift - desired_m[:, :2].ravel())
+        q = np.concatenate([self._unwhiten.T @ w2 / self._beta, np.full(n, _RHO_1)])
         self._solver.update(q=q, u=upper, Ax=np.concatenate([A.ravel(order="F"), self._slack_entries]))
         result = self._solver.solve(raise_error=False)
         solution = np.asarray(result.x, dtype=float)
@@ -88,7 +88,8 @@ class Mpc:
         if usable:
             snap = np.empty(3 * n)
             snap[self._plane] = self._unwhiten @ solution[: 2 * n]
-            snap[2::3] = self._gain_z @ (desired_m[:, 2] - self._CG_z @ x)
+            w2_z = cost_vector(self._CH_z, self._F_z, self._beta, self._CG_z @ x - desired_m[:, 2])
+            snap[2::3] = -self._inverse_W1_z @ w2_z
             slack = np.maximum(solution[2 * n :], 0.0)
         else:
             snap = np.concatenate([self._snap[3:], np.zeros(3)])

@@ -41,16 +41,14 @@ def selector(n_tau: int, coordinates: tuple[int, ...]) -> Array:
     """C (len(coordinates) n, 12 n): picks coordinates of the position at every step; (0, 1) is the paper's C_p."""
     pick = np.zeros((len(coordinates), 12))
     pick[np.arange(len(coordinates)), coordinates] = 1.0
-    return np.kron(np.eye(n_tau), pick)
+    return np.kron(np.eye(n_tau), pick).astype(np.float64)
 
 
-def cost_matrix(H: Array, C: Array, F: Array, beta: float) -> Array:
-    """W1 for the inputs that H (rows of Y, columns of U) covers; F is the diagonal (len(C),) of weights."""
-    CH = C @ H
-    return np.asarray(np.eye(H.shape[1]) + beta * CH.T @ (F[:, None] * CH))
+def cost_matrix(CH: Array, F: Array, beta: float) -> Array:
+    """W1 for inputs that move the tracked coordinates by `CH` = C H; F is the diagonal (len(CH),) of weights."""
+    return np.asarray(np.eye(CH.shape[1]) + beta * CH.T @ (F[:, None] * CH))
 
 
-def cost_vector(H: Array, G: Array, C: Array, F: Array, beta: float, x: Array, P: Array) -> Array:
-    """w2 for the present state x (12,) and the desired coordinates P (len(C),)."""
-    CH = C @ H
-    return np.asarray(beta * CH.T @ (F * (C @ (G @ x) - P)))
+def cost_vector(CH: Array, F: Array, beta: float, deviation: Array) -> Array:
+    """w2 for `deviation` = C G x - P (len(CH),): what the tracked coordinates would miss by without inputs."""
+    return np.asarray(beta * CH.T @ (F * deviation))

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tick:
-    """Result of one tick: the state (12,) to command at its end, the snap (3,) that leads there, and the solver's answer.
+    """Result of one tick: the state (12,) to command at its end, the snap (3,) that leads there, the solver's answer.
 
     `desired_m` (3,) is the reference and `region` its corridor index at the time of the set-point.
     """
@@ -41,7 +41,7 @@ class Tracker:
             config.bandwidth_radps,
             FACES,
         )
-        self._ahead = np.arange(1, config.horizon_steps + 1) * config.step_s
+        self._ahead = np.arange(1, config.horizon_steps + 1, dtype=np.float64) * config.step_s
         self.observer = Observer(self._period_s, config.observer_radps, r_m)
 
     @property
@@ -52,7 +52,8 @@ class Tracker:
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at reference time `t_s` with the measured position and velocity (3,), `age_s` old.
 
-        What is commanded now is flown `delay_s` later, so the observer's state and the plan live that much in the future.
+        What is commanded now is flown `delay_s` later, so the observer's state and the plan live that much in the
+        future.
         """
         t_s = t_s + self._delay_s
         self.observer.correct(r_m, v_mps, age_s + self._delay_s)

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array | None:
     """A* path (n, 2) on a uniform 8-connected grid of about `nodes` nodes over the bounds; None when it finds none.
 
-    Edges that enter an obstacle are left out. Start and goal are joined to the grid nodes of their cell and its neighbours that
-    they can see.
+    Edges that enter an obstacle are left out. Start and goal are joined to the grid nodes of their cell and its
+    neighbours that they can see.
     """
     x_min, y_min, x_max, y_max = free.bounds_m
     spacing = np.sqrt((x_max - x_min) * (y_max - y_min) / nodes)
@@ -65,7 +65,7 @@ def path_points(graph: Graph, found: FoundPath, start: Array, goal: Array) -> Ar
     """The path (n, 2) with its end points, repeated points removed."""
     points = np.concatenate([start[None], graph.xy_m[found.nodes], goal[None]])
     keep = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-9])
-    return points[keep]
+    return np.asarray(points[keep])
 
 
 def path_length(points: Array) -> float:

@@ -44,18 +44,18 @@ def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]
 
 def _row_below(channel_map: ChannelMap, d: int, i: int, j: int, node_i: int) -> Array:
     if j > 0:
-        return channel_map.xy_m[d][i, j - 1]
+        return np.asarray(channel_map.xy_m[d][i, j - 1])
     free = d > 0 and not channel_map.barred[d - 1, node_i] and not channel_map.barred[d - 1, i]
-    return channel_map.xy_m[d - 1][i, -2] if free else channel_map.xy_m[d][i, 0]
+    return np.asarray(channel_map.xy_m[d - 1][i, -2] if free else channel_map.xy_m[d][i, 0])
 
 
 def _row_above(channel_map: ChannelMap, d: int, i: int, j: int, node_i: int) -> Array:
     xy = channel_map.xy_m[d]
     if j < xy.shape[1] - 1:
-        return xy[i, j + 1]
+        return np.asarray(xy[i, j + 1])
     last = channel_map.channels - 1
     free = d < last and not channel_map.barred[d, node_i] and not channel_map.barred[d, i]
-    return channel_map.xy_m[d + 1][i, 1] if free else xy[i, -1]
+    return np.asarray(channel_map.xy_m[d + 1][i, 1] if free else xy[i, -1])
 
 
 def paper_corridor(quadrangles: Array) -> Corridor:
@@ -67,9 +67,10 @@ def paper_corridor(quadrangles: Array) -> Corridor:
 def mended_corridor(
     quadrangles: Array, stretches: list[Array], solid: list[shapely.Polygon], margin_m: float, reach_m: float
 ) -> Corridor:
-    """Regions (M) that hold their stretch (n, 2) of reference with `margin_m` where obstacles allow, and meet no polygon of `solid`.
+    """Regions (M) that hold their stretch (n, 2) of reference with `margin_m` where obstacles allow.
 
-    No side is further than `reach_m` from the stretch. Raises `MapError` when a stretch itself meets an obstacle.
+    They meet no polygon of `solid`. No side is further than `reach_m` from the stretch. Raises `MapError` when a
+    stretch itself meets an obstacle.
     """
     tree = shapely.STRtree(solid)
     regions, polygons = [], []

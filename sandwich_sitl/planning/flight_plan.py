@@ -29,8 +29,8 @@ class Reference:
 class Corridor:
     """Convex regions Lambda_m [x, y] <= Gamma_m (paper, Eq. (mainsafety); notes N17).
 
-    `Lambda` (M, F, 2) with unit rows, `Gamma` (M, F) in metres; unused rows repeat the last one. `polygons_m` are the same
-    regions as counter-clockwise rings without closing point, `neighbours_m` (M, 4, 2) the paper's raw quadrangles.
+    `Lambda` (M, F, 2) with unit rows, `Gamma` (M, F) in metres; unused rows repeat the last one. `polygons_m` are the
+    same regions as counter-clockwise rings without closing point, `neighbours_m` (M, 4, 2) the paper's raw quadrangles.
     """
 
     Lambda: Array

@@ -1,5 +1,7 @@
 """Exact line-of-sight tests against the grown obstacles, whose outlines may be touched."""
 
+from typing import Any
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -10,7 +12,8 @@ Array = NDArray[np.float64]
 class FreeSpace:
     """Obstacles prepared for many segment tests.
 
-    Touching is allowed: polygons are shrunk by a hair (1e-7 of the extent) before the test, so that segments along a wall are free.
+    Touching is allowed: polygons are shrunk by a hair (1e-7 of the extent) before the test, so that segments along a
+    wall are free.
     """
 
     def __init__(self, rings_m: tuple[Array, ...], bounds_m: tuple[float, float, float, float]) -> None:
@@ -22,13 +25,13 @@ class FreeSpace:
 
     def blocked(self, a: Array, b: Array) -> NDArray[np.bool_]:
         """Whether segments from a (n, 2) to b (n, 2) enter an obstacle: (n,)."""
-        lines = shapely.linestrings(np.stack([a, b], axis=1))
-        hit = np.zeros(len(lines), dtype=bool)
-        hit[self._tree.query(lines, predicate="intersects")[0]] = True
-        return hit
+        return self._hit(shapely.linestrings(np.stack([a, b], axis=1)), len(a))
 
     def covered(self, points: Array) -> NDArray[np.bool_]:
         """Whether points (n, 2) lie inside an obstacle: (n,)."""
-        hit = np.zeros(len(points), dtype=bool)
-        hit[self._tree.query(shapely.points(points), predicate="intersects")[0]] = True
+        return self._hit(shapely.points(points), len(points))
+
+    def _hit(self, geometries: Any, count: int) -> NDArray[np.bool_]:
+        hit = np.zeros(count, dtype=np.bool_)
+        hit[self._tree.query(geometries, predicate="intersects")[0]] = True
         return hit

@@ -1,4 +1,4 @@
-"""The mapped grid as a graph: 8 neighbours inside each channel, channels joined where their dividing streamline is free.
+"""The mapped grid as a graph: 8 neighbours inside a channel, channels joined where their dividing streamline is free.
 
 Source: paper, section IV; notes N10. The two sides of an obstacle wall are different nodes and get no link, which is
 the paper's ban on crossing barred nodes; tips belong to both channels. Cells are convex, so every edge and diagonal
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MapGraph:
-    """`graph` with `node[d][i, j]`, the number of grid node (i, j) of channel d, and `place` (N, 3), one (d, i, j) a node."""
+    """`graph`, `node[d][i, j]` (the number of grid node (i, j) of channel d) and `place` (N, 3), a (d, i, j) each."""
 
     graph: Graph
     node: tuple[NDArray[np.int64], ...]

@@ -98,20 +98,23 @@ def find_route(
 ) -> Route:
     """A* from start to goal (2,), anywhere in mapped ground.
 
-    Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are not connected.
+    Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are
+    not connected.
     """
     start_links, goal_links = links(map_graph, channel_map, start), links(map_graph, channel_map, goal)
     for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
         if not found:
             raise InputError(
-                f"{key}: ({point[0]:g}, {point[1]:g}) lies in a pocket that no channel reaches; move it out of the pocket"
+                f"{key}: ({point[0]:g}, {point[1]:g}) lies in a pocket that no channel reaches; "
+                "move it out of the pocket"
             )
     graph = map_graph.graph
     path = astar(graph, start_links, goal, goal_links)
     if path is None:
         reached = graph.reachable([node for node, _ in start_links])
+        barrier = _barrier_between(channel_map, map_graph, reached, names)
         raise NoRouteError(
-            f"no route from start_m to goal_m: {_barrier_between(channel_map, map_graph, reached, names)} is in the way; "
+            f"no route from start_m to goal_m: {barrier} is in the way; "
             "move start_m or goal_m, or reduce planner.margin_m"
         )
     return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
@@ -140,7 +143,7 @@ def _barrier_between(
         split = channel_map.barred[d] & (reached[below] != reached[above])
         if split.any():
             index = int(channel_map.barrier[d, int(np.flatnonzero(split)[0])])
-            return f"obstacle '{names[index]}'" if index < len(names) else "a closed pocket"
+            return f"obstacle '{names[index]}'"
     return "the border of the world"
 
 
@@ -170,7 +173,9 @@ def _timed_reference(
     ]
     quadrangles = np.array([neighbouring_quadrangle(channel_map, places[m]) for m in used])
     corridor = mended_corridor(quadrangles, stretches, solid, kept, _HALF_WIDTH_CELLS * planner.cell_m)
-    return Reference(np.arange(len(xy)) * dt, np.column_stack([xy, z]), region.astype(np.int64)), corridor
+    return Reference(
+        np.arange(len(xy), dtype=np.float64) * dt, np.column_stack([xy, z]), region.astype(np.int64)
+    ), corridor
 
 
 def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -> tuple[Reference, Corridor]:
@@ -190,7 +195,7 @@ def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -
         ]
     )
     region = np.concatenate([np.zeros(len(up), dtype=np.int64), node])
-    return Reference(np.arange(len(xyz)) * dt, xyz, region), paper_corridor(quadrangles)
+    return Reference(np.arange(len(xyz), dtype=np.float64) * dt, xyz, region), paper_corridor(quadrangles)
 
 
 def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]:
@@ -204,7 +209,7 @@ def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]
 
 
 def _in_turn(points: Array, centres: Array) -> NDArray[np.int64]:
-    """Index (n,) of the centre each point belongs to: the nearest within a window ahead of the last one, never going back."""
+    """Index (n,) of the centre each point belongs to: the nearest in a window ahead of the last, never going back."""
     index, found = 0, np.empty(len(points), dtype=np.int64)
     for k, point in enumerate(points):
         window = centres[index : index + 6]

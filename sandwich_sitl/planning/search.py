@@ -1,4 +1,4 @@
-"""A* over an explicit graph with straight-line costs: the one search behind both the mapped grid and the paper's baseline.
+"""A* over a graph with straight-line costs: the one search behind both the mapped grid and the paper's baseline.
 
 Cost of an edge is its length in motion space (the paper's geodesic nodal distance), the heuristic the straight line
 to the goal: admissible and consistent, so the path is a shortest one of the graph.
@@ -48,15 +48,14 @@ class Graph:
 
 @dataclass(frozen=True)
 class FoundPath:
-    """Nodes of a path without its two end points, its length with them, and how many nodes were expanded."""
+    """Nodes of a path without its two end points, and its length with them."""
 
     nodes: list[int]
     length_m: float
-    expanded: int
 
 
 def astar(graph: Graph, start_links: Links, goal: Array, goal_links: Links) -> FoundPath | None:
-    """Shortest path between two points joined to the graph by their links, or None; `goal` (2,) is where the heuristic aims."""
+    """Shortest path between two points joined to the graph by links, or None; the heuristic aims at `goal` (2,)."""
     x, y = graph.xy_m[:, 0].tolist(), graph.xy_m[:, 1].tolist()
     first, neighbour, length = graph.first.tolist(), graph.neighbour.tolist(), graph.length_m.tolist()
     to_goal = dict(goal_links)
@@ -77,7 +76,7 @@ def astar(graph: Graph, start_links: Links, goal: Array, goal_links: Links) -> F
             continue
         closed.add(node)
         if node == goal_node:
-            return FoundPath(_trace(came, came[goal_node]), best[goal_node], len(closed))
+            return FoundPath(_trace(came, came[goal_node]), best[goal_node])
         cost = best[node]
         if node in to_goal and cost + to_goal[node] < best.get(goal_node, np.inf):
             best[goal_node] = cost + to_goal[node]

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
+from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.channels.boundary import along_arc
 from sandwich_sitl.errors import MapError
@@ -24,13 +25,14 @@ _WEIGHTS = (1.0, 20.0, 100.0)  # of the first, second and third differences
 
 def smooth_route(
     route: Array,
-    solid: shapely.Geometry,
+    solid: BaseGeometry,
     bounds: tuple[float, float, float, float],
     spacing_m: float,
     least_clearance_m: float,
 ) -> BSpline:
-    """A C^4 curve s -> (x, y), s in metres along its control polyline, from route (n, 2); `solid` are the radius-grown obstacles.
+    """A C^4 curve s -> (x, y), s in metres along its control polyline, from route (n, 2).
 
+    `solid` are the obstacles grown by the vehicle's radius.
     Raises `MapError` when the route itself is nearer to `solid` than `least_clearance_m`.
     """
     length = float(shapely.length(shapely.linestrings(route)))
@@ -61,4 +63,4 @@ def _smoothest(low: Array, high: Array) -> Array:
     solution = np.asarray(solver.solve(raise_error=False).x, dtype=float)
     if not np.isfinite(solution).all():
         raise MapError("route: smoothing found no curve inside its tube")
-    return np.clip(solution, low, high)
+    return np.asarray(np.clip(solution, low, high))

@@ -27,7 +27,7 @@ class TimedCurve:
     xy_m: Array
 
     def at(self, t: Array) -> Array:
-        """Positions (m, 2) at times (m,), held at both ends; a quintic through the samples, so that derivatives are smooth."""
+        """Positions (m, 2) at times (m,), held at both ends; a quintic through the samples."""
         spline = make_interp_spline(self.t_s, self.xy_m, k=5)
         return np.asarray(spline(np.clip(t, self.t_s[0], self.t_s[-1])))
 
@@ -45,7 +45,7 @@ def rest_to_rest(curve: BSpline, speed_mps: float, acceleration_mps2: float) -> 
         arc = np.convolve(padded, np.ones(window) / window, mode="valid")
     arc = np.clip(arc, 0.0, end)
     xy = np.asarray(curve(arc))
-    t = np.arange(len(xy)) * _DT_S
+    t = np.arange(len(xy), dtype=np.float64) * _DT_S
     velocity = np.gradient(xy, t, axis=0)
     acceleration = np.gradient(velocity, t, axis=0)
     stretch = max(
@@ -59,7 +59,7 @@ def rest_to_rest(curve: BSpline, speed_mps: float, acceleration_mps2: float) -> 
 def _speeds(curve: BSpline, s: Array, v_max: float, a_max: float) -> Array:
     d1, d2 = curve.derivative(1)(s), curve.derivative(2)(s)
     curvature = np.abs(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / np.maximum(np.hypot(*d1.T), 1e-9) ** 3
-    v = np.minimum(v_max, np.sqrt(a_max / np.maximum(curvature, 1e-9)))
+    v = np.asarray(np.minimum(v_max, np.sqrt(a_max / np.maximum(curvature, 1e-9))))
     v[0] = v[-1] = 0.0
     step = 2 * a_max * np.diff(s)
     for k in range(1, len(v)):
@@ -81,4 +81,4 @@ def climb(height_m: float, speed_mps: float, acceleration_mps2: float, dt_s: flo
     duration = max(15 / 8 * height_m / speed_mps, np.sqrt(10 / np.sqrt(3) * height_m / acceleration_mps2))
     steps = int(np.ceil(duration / dt_s))
     tau = np.arange(steps + 1) / steps
-    return height_m * tau**3 * (10 - 15 * tau + 6 * tau**2)
+    return np.asarray(height_m * tau**3 * (10 - 15 * tau + 6 * tau**2))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pymap3d
 import shapely
-from shapely import Polygon, box
+from shapely import MultiPolygon, Polygon, box
 from shapely.geometry import shape
 from shapely.validation import explain_validity
 
@@ -72,7 +72,7 @@ def _polygons(feature: Any, where: str, index: int) -> Iterator[tuple[str, Polyg
         geometry = shape(feature["geometry"])
     except (shapely.errors.ShapelyError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{where}.geometry: cannot be read ({error})") from error
-    parts = list(geometry.geoms) if geometry.geom_type == "MultiPolygon" else [geometry]
+    parts = list(geometry.geoms) if isinstance(geometry, MultiPolygon) else [geometry]
     for number, part in enumerate(parts):
         if not isinstance(part, Polygon):
             raise InputError(f"{where}: is a {geometry.geom_type}; obstacles are Polygon or MultiPolygon")

@@ -2,15 +2,17 @@
 
 The vehicle is a disc in plan. Growing is the Minkowski sum with that disc, rounded outwards: mitred corners, cut off no
 nearer than 1.5 radii, keep the vertex count of the input and never leave out a point of the true sum. Shapes that then
-touch are united; ground that they enclose cannot be reached and is filled (its area is reported).
+touch are united; ground that they enclose cannot be reached and is filled.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon, box
+from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from sandwich_sitl.world.simplify import simplify_outwards
@@ -28,7 +30,6 @@ class GrownWorld:
     bounds_m: tuple[float, float, float, float]
     polygons: tuple[Polygon, ...]
     names: tuple[str, ...]
-    enclosed_area_m2: float
 
     @property
     def free_area_m2(self) -> float:
@@ -52,40 +53,37 @@ class GrownWorld:
 def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
     """Grow every obstacle by `distance_m`; details below `detail_m` are smoothed, always outwards."""
     if not world.obstacles:
-        return GrownWorld(world.bounds_m, (), (), 0.0)
+        return GrownWorld(world.bounds_m, (), ())
     reach = distance_m + 2 * _SHORTEST_EDGE_M
-    shapes = [o.polygon.buffer(reach, join_style="mitre", mitre_limit=_MITRE_LIMIT) for o in world.obstacles]
+    shapes = [mitred(o.polygon, reach) for o in world.obstacles]
     filled = _filled(_united(shapes))
     simple = _filled(_united([simplify_outwards(polygon, detail_m) for polygon in filled]))
-    enclosed = sum(polygon.area for polygon in simple) - shapely.union_all(shapes).area
-    sealed = shapely.buffer(
-        shapely.union_all(simple).buffer(_SEAL_M, join_style="mitre", mitre_limit=_MITRE_LIMIT),
-        -_SEAL_M,
-        join_style="mitre",
-        mitre_limit=_MITRE_LIMIT,
-    )
+    sealed = mitred(mitred(shapely.union_all(simple), _SEAL_M), -_SEAL_M)
     frame = box(*world.bounds_m)
-    clipped = _without_border_slivers(shapely.intersection(sealed, frame), frame, detail_m).simplify(_SHORTEST_EDGE_M)
+    clipped = _without_border_slivers(sealed & frame, frame, detail_m).simplify(_SHORTEST_EDGE_M)
     parts = [orient(part) for part in _filled(clipped) if part.area > 0]
     return GrownWorld(
         bounds_m=world.bounds_m,
         polygons=tuple(parts),
         names=tuple(_names(part, world) for part in parts),
-        enclosed_area_m2=max(0.0, float(enclosed)),
     )
 
 
-def _without_border_slivers(obstacles: shapely.Geometry, frame: Polygon, width_m: float) -> shapely.Geometry:
-    """Free slivers along the border narrower than twice `width_m` join the obstacle: the border is no gap to fly through."""
+def mitred(geometry: BaseGeometry, distance_m: float) -> BaseGeometry:
+    """The geometry grown (or shrunk) by a distance, corners mitred up to `_MITRE_LIMIT` distances."""
+    return geometry.buffer(distance_m, join_style="mitre", mitre_limit=_MITRE_LIMIT)
+
+
+def _without_border_slivers(obstacles: BaseGeometry, frame: Polygon, width_m: float) -> BaseGeometry:
+    """Free slivers along the border narrower than twice `width_m` join the obstacle: no gap to fly through."""
     outside = frame.buffer(3 * width_m, join_style="mitre").difference(frame)
     solid = shapely.union_all([obstacles, outside])
-    mitre = {"join_style": "mitre", "mitre_limit": _MITRE_LIMIT}
-    closed = solid.buffer(width_m, **mitre).buffer(-width_m, **mitre).intersection(frame)
+    closed = mitred(mitred(solid, width_m), -width_m) & frame
     slivers = [part for part in _polygons(closed.difference(obstacles)) if part.intersection(frame.boundary).length > 0]
     return shapely.union_all([obstacles, *slivers], grid_size=1e-6)
 
 
-def _united(shapes: list[Polygon]) -> Polygon | MultiPolygon:
+def _united(shapes: Sequence[BaseGeometry]) -> Polygon | MultiPolygon:
     united = shapely.union_all(shapes)
     assert isinstance(united, Polygon | MultiPolygon)
     return united

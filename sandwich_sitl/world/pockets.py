@@ -10,7 +10,7 @@ import shapely
 from shapely import Polygon, box
 from shapely.geometry.polygon import orient
 
-from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.grow import GrownWorld, mitred
 
 _SEAM_M = 0.002  # pockets overlap their walls by this much, so that no crack is left
 
@@ -26,7 +26,7 @@ def dead_ends(grown: GrownWorld, mouth_m: float, keep: tuple[tuple[float, float]
     touches = [[k for k, room in enumerate(rooms) if shapely.intersects(neck, room)] for neck in necks]
     mouths = [sum(_mouths(neck, rooms[k]) for k in touched) for neck, touched in zip(necks, touches, strict=True)]
     wanted = [shapely.Point(point) for point in keep]
-    dead = set()
+    dead: set[int] = set()
     alive = set(range(len(necks)))
     ended: list[Polygon] = []
     while True:
@@ -55,8 +55,7 @@ def fill(grown: GrownWorld, pockets: list[Polygon]) -> GrownWorld:
     """The grown world with the pockets made part of the obstacles round them."""
     if not pockets:
         return grown
-    mitre = {"join_style": "mitre", "mitre_limit": 1.5}
-    seams = [pocket.buffer(_SEAM_M, **mitre) for pocket in pockets]
+    seams = [mitred(pocket, _SEAM_M) for pocket in pockets]
     solid = shapely.union_all([*grown.polygons, *seams]) & box(*grown.bounds_m)
     parts = [orient(Polygon(part.exterior)) for part in _polygons(solid.simplify(_SEAM_M))]
     names = tuple(
