@@ -168,7 +168,11 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     for key_path, value in (overrides or {}).items():
         document.set(key_path, value)
     try:
-        return _ADAPTER.validate_json(json.dumps(document.data, default=str))
+        text = json.dumps(document.data, default=str)
+    except ValueError as error:
+        raise InputError(f"{path}: an alias (*name) refers to itself; write the values out") from error
+    try:
+        return _ADAPTER.validate_json(text)
     except ValidationError as error:
         raise InputError(document.describe(error)) from error
 
@@ -184,16 +188,22 @@ def config_as_dict(config: RunConfig) -> dict[str, Any]:
     return data
 
 
+_KEY_TAGS = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:merge")
+
+
 class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML keeps the last of two equal keys without a word; here that is an error."""
+    """YAML keeps the last of two equal keys without a word and allows keys that are no text; here both are errors."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
+        seen: set[str] = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if key in seen:
-                raise yaml.MarkedYAMLError(problem=f"key '{key}' stands twice", problem_mark=key_node.start_mark)
-            seen.add(key)
+            if key_node.tag not in _KEY_TAGS:
+                raise yaml.MarkedYAMLError(problem="a key must be text", problem_mark=key_node.start_mark)
+            if key_node.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key '{key_node.value}' stands twice", problem_mark=key_node.start_mark
+                )
+            seen.add(key_node.value)
         return super().construct_mapping(node, deep)
 
 

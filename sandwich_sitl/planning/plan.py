@@ -143,7 +143,7 @@ def _barrier_between(
         split = channel_map.barred[d] & (reached[below] != reached[above])
         if split.any():
             index = int(channel_map.barrier[d, int(np.flatnonzero(split)[0])])
-            return f"obstacle '{names[index]}'"
+            return f"obstacle '{names[index]}'" if index >= 0 else "a closed pocket"
     return "the border of the world"
 
 

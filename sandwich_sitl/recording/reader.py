@@ -24,8 +24,7 @@ from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.container import RawLog, read_raw
 from sandwich_sitl.recording.messages import INTEGER_FIELDS, SCALAR_FIELDS, VECTOR_FIELDS, component_names
 from sandwich_sitl.recording.plan_file import plan_from_bytes
-from sandwich_sitl.recording.recorder import PLAN_ATTACHMENT
-from sandwich_sitl.recording.topics import MESSAGE_KINDS
+from sandwich_sitl.recording.topics import MESSAGE_KINDS, PLAN_ATTACHMENT
 from sandwich_sitl.recording.tracks import ControlTrack, Frame, LogLine, MissionTrack, PoseTrack, WallTimings
 
 Array = NDArray[np.float64]

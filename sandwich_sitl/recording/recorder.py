@@ -30,11 +30,10 @@ from sandwich_sitl.recording.plan_file import plan_bytes
 from sandwich_sitl.recording.records import ControlRecord, MissionRecord, TickTiming, Vector
 from sandwich_sitl.recording.scene import map_update, scene_update
 from sandwich_sitl.recording.streams import DebugStreams
-from sandwich_sitl.recording.topics import MAVLINK_TOPICS, PLAN_TOPIC, PROTOBUF_TOPICS
+from sandwich_sitl.recording.topics import MAVLINK_TOPICS, PLAN_ATTACHMENT, PLAN_TOPIC, PROTOBUF_TOPICS
 
 _LOG = logging.getLogger(__name__)
 
-PLAN_ATTACHMENT = "plan.npz"
 TIMING_BATCH = 50
 CHUNK_BYTES = 256 * 1024
 MAVLINK_CHANNEL = {"dialect": "common", "framing": "one MAVLink frame a message"}

@@ -22,6 +22,7 @@ PROTOBUF_TOPICS: dict[str, Any] = {
     "/log": Log,
 }
 MAVLINK_TOPICS = ("/mavlink/tx", "/mavlink/rx")
+PLAN_ATTACHMENT = "plan.npz"
 PLAN_TOPIC = "/plan/file"  # streamed only; the log carries the plan as an attachment
 LATCHED_TOPICS = (
     PLAN_TOPIC,

@@ -19,8 +19,8 @@ Colour = tuple[int, int, int]
 
 APPLICATION = "sandwich-sitl"
 TIMELINE = "time"
-GRID_LINES = 80
-DARK, RED, GREY = (225, 225, 225), (190, 70, 70), (120, 125, 135)
+GRID_LINES = 40  # at most this many lines of each family
+DARK, RED, GREY = (225, 225, 225), (120, 50, 50), (120, 125, 135)
 BLUE, ORANGE, GREEN, YELLOW, VIOLET = (60, 140, 245), (240, 140, 30), (60, 190, 110), (245, 200, 0), (200, 110, 240)
 DOWN = np.array([1.0, -1.0])
 

@@ -64,9 +64,11 @@ def _polygons(feature: Any, where: str, index: int) -> Iterator[tuple[str, Polyg
     if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
         raise InputError(f"{where}: has no geometry")
     properties = feature.get("properties") or {}
+    if not isinstance(properties, dict):
+        raise InputError(f"{where}.properties: must be a mapping such as {{'name': 'hall', 'height': 12}}")
     name = str(properties.get("name") or feature.get("id") or f"feature{index + 1}")
     height = properties.get("height")
-    if height is not None and not (isinstance(height, int | float) and math.isfinite(height) and height > 0):
+    if height is not None and (type(height) not in (int, float) or not math.isfinite(height) or height <= 0):
         raise InputError(f"{where}.properties.height: must be a positive number of metres, got {height!r}")
     try:
         geometry = shape(feature["geometry"])
@@ -76,6 +78,8 @@ def _polygons(feature: Any, where: str, index: int) -> Iterator[tuple[str, Polyg
     for number, part in enumerate(parts):
         if not isinstance(part, Polygon):
             raise InputError(f"{where}: is a {geometry.geom_type}; obstacles are Polygon or MultiPolygon")
+        if part.is_empty:
+            raise InputError(f"{where}: has no corners; remove it, or list them")
         lon_lat = shapely.get_coordinates(part)
         if not np.isfinite(lon_lat).all() or (np.abs(lon_lat) > (180, 90)).any():
             raise InputError(f"{where}: coordinates must be longitude, latitude in degrees (WGS84)")

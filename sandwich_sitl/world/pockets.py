@@ -21,7 +21,7 @@ def dead_ends(grown: GrownWorld, mouth_m: float, keep: tuple[tuple[float, float]
     opened = free.buffer(-mouth_m / 2, join_style="mitre").buffer(
         mouth_m / 2 * 1.001, join_style="mitre", mitre_limit=2.0
     )
-    rooms = _polygons(opened & free)
+    rooms = sorted(_polygons(opened & free), key=lambda room: room.area)
     necks = [neck for neck in _polygons(free - opened) if neck.area > 1e-6 * mouth_m**2]
     touches = [[k for k, room in enumerate(rooms) if shapely.intersects(neck, room)] for neck in necks]
     mouths = [sum(_mouths(neck, rooms[k]) for k in touched) for neck, touched in zip(necks, touches, strict=True)]

@@ -1,0 +1,275 @@
+"""Configuration: every bad file gives one line with file, line, key path and fix; every good one survives a round trip."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config
+from sandwich_sitl.errors import InputError
+from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.world.load import load_world
+
+CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))
+
+GOOD = """\
+world:
+  bounds_m: [0, 0, 40, 30]
+  obstacles:
+    - {name: box, polygon_m: [[15, 10], [25, 10], [25, 20], [15, 20]]}
+start_m: [4, 15]
+goal_m: [36, 15]
+altitude_m: 8
+planner:
+  vehicle_radius_m: 0.4
+  margin_m: 0.6
+  cell_m: 2.0
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "flight.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def complaint(path: Path) -> str:
+    """The error of reading the file, building its world and planning its flight."""
+    with pytest.raises(InputError) as caught:
+        config = load_config(path)
+        plan_flight(config, load_world(config.world, path), lambda _: None)
+    return str(caught.value)
+
+
+def test_the_good_file_is_good(tmp_path: Path) -> None:
+    config = load_config(written(tmp_path, GOOD))
+    assert config.start_m == (4.0, 15.0)
+    assert config.planner.cell_m == 2.0
+    assert config.world.obstacles[0].name == "box"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("altitude_m: 8", "altitude_m: 8\naltitude: 3", 8, ("altitude:", "not a known key", "--schema")),
+        ("  margin_m: 0.6", "  margins_m: 0.6\n  margin_m: 0.6", 10, ("planner.margins_m", "not a known key")),
+        ("altitude_m: 8", "altitude_m: high", 7, ("altitude_m", "number", '"high"')),
+        ("altitude_m: 8", "altitude_m: -8", 7, ("altitude_m", "greater than 0", "-8")),
+        ("altitude_m: 8", "altitude_m: .nan", 7, ("altitude_m", "finite")),
+        ("altitude_m: 8", "altitude_m: .inf", 7, ("altitude_m", "finite")),
+        ("altitude_m: 8\n", "", 1, ("altitude_m", "missing", "add it")),
+        ("  margin_m: 0.6\n", "", 8, ("planner.margin_m", "missing", "add it")),
+        ("start_m: [4, 15]", "start_m: [4, .nan]", 5, ("start_m[1]", "finite")),
+        ("start_m: [4, 15]", "start_m: [4, 15, 2]", 5, ("start_m",)),
+        ("start_m: [4, 15]", "start_m: {x: 4}", 5, ("start_m",)),
+        ("[25, 20], ", "[25], ", 4, ("world.obstacles[0].polygon_m[2]", "missing")),
+        ("altitude_m: 8", "altitude_m: 8\nclock: {mode: fast}", 8, ("clock.mode", "realtime", '"fast"')),
+        ("altitude_m: 8", "altitude_m: 8\nseed: 1.5", 8, ("seed", "integer")),
+        ("altitude_m: 8", "altitude_m: 8\nzenoh: {enabled: 1}", 8, ("zenoh.enabled", "boolean")),
+        ("altitude_m: 8", "altitude_m: 8\nplanner: 3", 9, ("'planner' stands twice",)),
+        ("altitude_m: 8", "altitude_m: 8\naltitude_m: 9", 8, ("'altitude_m' stands twice",)),
+        ("altitude_m: 8", "altitude_m: [8", 8, ("not valid YAML",)),
+        ("altitude_m: 8", "altitude_m: !!python/name:os.system 8", 7, ("not valid YAML",)),
+        ("altitude_m: 8", "altitude_m: 8\n[a, b]: 3", 8, ("a key must be text",)),
+        ("altitude_m: 8", "altitude_m: 8\n2020-01-01: 3", 8, ("a key must be text",)),
+        ("altitude_m: 8", "altitude_m: 8\n7: 3", 8, ("a key must be text",)),
+    ],
+)
+def test_bad_value_is_named_with_file_line_key_and_fix(
+    tmp_path: Path, old: str, new: str, line: int, words: tuple[str, ...]
+) -> None:
+    assert GOOD.count(old) == 1
+    path = written(tmp_path, GOOD.replace(old, new))
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line}: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[25, 10], [25, 20]", "[25, 20], [25, 10]", ("world.obstacles[0].polygon_m", "'box'", "in order")),
+        (
+            "[[15, 10], [25, 10], [25, 20], [15, 20]]",
+            "[[15, 10], [20, 10], [25, 10]]",
+            ("world.obstacles[0].polygon_m", "'box'"),
+        ),
+        ("name: box,", "name: box, circle_m: [3, 3, 1],", ("world.obstacles[0]", "exactly one of")),
+        ("polygon_m: [[15, 10], [25, 10], [25, 20], [15, 20]]", "height_m: 3", ("world.obstacles[0]", "exactly one")),
+        ("[0, 0, 40, 30]", "[40, 0, 0, 30]", ("world.bounds_m", "has no area", "x_min")),
+        ("  bounds_m: [0, 0, 40, 30]\n", "", ("world", "neither bounds_m nor geojson")),
+        ("start_m: [4, 15]", "start_m: [20, 15]", ("start_m: (20, 15)", "inside obstacle 'box'", "move it")),
+        ("start_m: [4, 15]", "start_m: [14.5, 15]", ("start_m: (14.5, 15)", "'box' grown by 1 m", "margin_m")),
+        ("goal_m: [36, 15]", "goal_m: [41, 15]", ("goal_m: (41, 15)", "outside the world", "move it inside")),
+        ("world:\n", "world:\n  geojson: city.geojson\n", ("world", "both geojson and obstacles", "keep one")),
+        (
+            "world:\n",
+            "world:\n  origin: {latitude_deg: 50, longitude_deg: 14}\n",
+            ("world.origin", "geojson", "remove it"),
+        ),
+    ],
+)
+def test_bad_world_is_named_with_key_and_fix(tmp_path: Path, old: str, new: str, words: tuple[str, ...]) -> None:
+    assert GOOD.count(old) == 1
+    path = written(tmp_path, GOOD.replace(old, new))
+    message = complaint(path)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+    if "world" in words[0]:
+        assert message.startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "must be a mapping"),
+        ("- 1\n- 2\n", "must be a mapping"),
+        ("just words", "must be a mapping"),
+        ("a: b: c", "not valid YAML"),
+        ("a: 1\n---\nb: 2\n", "not valid YAML"),
+        ("a: \x01", "not valid YAML"),
+        ("a: *nowhere", "not valid YAML"),
+        ("a: &a [*a]", "refers to itself"),
+    ],
+)
+def test_file_that_is_no_configuration(tmp_path: Path, text: str, words: str) -> None:
+    path = written(tmp_path, text)
+    message = complaint(path)
+    assert message.startswith(str(path))
+    assert words in message
+    assert "\n" not in message
+
+
+def test_missing_and_undecodable_files(tmp_path: Path) -> None:
+    assert "cannot be read" in complaint(tmp_path / "none.yaml")
+    assert "cannot be read" in complaint(tmp_path)
+    path = tmp_path / "latin.yaml"
+    path.write_bytes("name: Köln".encode("latin-1"))
+    assert "save it as UTF-8" in complaint(path)
+
+
+def test_several_problems_are_counted(tmp_path: Path) -> None:
+    message = complaint(written(tmp_path, GOOD.replace("altitude_m: 8", "altitude_m: x\nseed: y\nmode: z")))
+    assert message.endswith("(and 2 more)")
+
+
+def test_override_beats_the_file_and_is_checked_like_it(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD)
+    config = load_config(path, {"clock.mode": "realtime", "clock.speed": 3.0, "seed": 7})
+    assert (config.clock.mode, config.clock.speed, config.seed) == ("realtime", 3.0, 7)
+    with pytest.raises(InputError, match=r"clock\.speed.*greater than 0"):
+        load_config(path, {"clock.speed": -1.0})
+    with pytest.raises(InputError, match="'altitude_m' is not a section"):
+        load_config(path, {"altitude_m.x": 1.0})
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_shipped_file_loads_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
+    config = load_config(path)
+    world = load_world(config.world, path)
+    assert len(world.obstacles) == len(config.world.obstacles)
+    again = written(tmp_path, yaml.safe_dump(config_as_dict(config)))
+    assert load_config(again) == config
+
+
+def test_shipped_worlds_are_the_promised_ones() -> None:
+    worlds = {path.stem: load_config(path).world for path in CONFIGS}
+    assert set(worlds) >= {"paper", "city", "open", "single"}
+    assert worlds["paper"].bounds_m == (0, 0, 120, 80)
+    assert len(worlds["city"].obstacles) >= 40
+    assert not worlds["open"].obstacles
+    assert len(worlds["single"].obstacles) == 1
+
+
+def test_anchors_and_merge_keys_work(tmp_path: Path) -> None:
+    text = GOOD.replace("planner:\n", "planner:\n  <<: {speed_mps: 2.5}\n").replace("[36, 15]", "&there [36, 15]")
+    config = load_config(written(tmp_path, text))
+    assert (config.planner.speed_mps, config.goal_m) == (2.5, (36, 15))
+
+
+def test_configuration_is_frozen() -> None:
+    config = load_config(CONFIGS[0])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.seed = 3  # type: ignore[misc]
+
+
+def _resolved(schema: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
+    while "$ref" in schema:
+        schema = root["$defs"][schema["$ref"].rsplit("/", 1)[1]]
+    return schema
+
+
+def _accepts(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> bool:
+    """Enough of JSON Schema for this schema: anyOf, types, objects, arrays, enum and number bounds."""
+    schema = _resolved(schema, root)
+    if "anyOf" in schema:
+        return any(_accepts(value, option, root) for option in schema["anyOf"])
+    kinds: dict[str, tuple[type, ...]] = {
+        "object": (dict,),
+        "array": (list,),
+        "string": (str,),
+        "number": (int, float),
+        "integer": (int,),
+        "boolean": (bool,),
+        "null": (type(None),),
+    }
+    kind = schema.get("type")
+    if kind and (not isinstance(value, kinds[kind]) or (isinstance(value, bool) and kind != "boolean")):
+        return False
+    if "enum" in schema and value not in schema["enum"]:
+        return False
+    if isinstance(value, dict):
+        known = schema.get("properties", {})
+        extra = schema.get("additionalProperties", True)
+        return all(key in value for key in schema.get("required", [])) and all(
+            _accepts(item, known[key], root) if key in known else extra is not False for key, item in value.items()
+        )
+    if isinstance(value, list):
+        prefix = schema.get("prefixItems", [])
+        in_size = schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value))
+        items = [*prefix, *[schema.get("items", {})] * (len(value) - len(prefix))]
+        return in_size and all(_accepts(item, part, root) for item, part in zip(value, items, strict=True))
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (
+            value > schema.get("exclusiveMinimum", -float("inf"))
+            and value >= schema.get("minimum", -float("inf"))
+            and value < schema.get("exclusiveMaximum", float("inf"))
+            and value <= schema.get("maximum", float("inf"))
+        )
+    return True
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_schema_accepts_shipped_files(path: Path) -> None:
+    schema = json.loads(json.dumps(config_schema()))
+    assert _accepts(yaml.safe_load(path.read_text(encoding="utf-8")), schema, schema)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("altitude_m: 8", "altitude_m: -8"),
+        ("altitude_m: 8", "altitude_m: high"),
+        ("altitude_m: 8", "altitude_m: 8\nunknown: 1"),
+        ("  margin_m: 0.6\n", ""),
+        ("start_m: [4, 15]", "start_m: [4, 15, 2]"),
+        ("altitude_m: 8", "altitude_m: 8\nclock: {mode: fast}"),
+    ],
+)
+def test_schema_and_loader_refuse_the_same_files(tmp_path: Path, old: str, new: str) -> None:
+    schema = config_schema()
+    assert _accepts(yaml.safe_load(GOOD), schema, schema)
+    text = GOOD.replace(old, new)
+    assert not _accepts(yaml.safe_load(text), schema, schema)
+    with pytest.raises(InputError):
+        load_config(written(tmp_path, text))
+
+
+def test_schema_describes_every_field() -> None:
+    assert set(config_schema()["properties"]) == {item.name for item in dataclasses.fields(RunConfig)}
