@@ -7,7 +7,6 @@ mission not flown as planned; 130 interrupted.
 import argparse
 import json
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from datetime import datetime
@@ -99,21 +98,6 @@ def _out(arguments: argparse.Namespace, config: RunConfig) -> Path:
     return out
 
 
-class _StopRequests:
-    """Counts SIGINT and SIGTERM: the first one brakes, holds and lands, the second one lands at once."""
-
-    def __init__(self) -> None:
-        self._count = 0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def __call__(self) -> int:
-        return self._count
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self._count += 1
-
-
 def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.launcher import run
     from sandwich_sitl.progress import Progress
@@ -122,7 +106,7 @@ def _run(arguments: argparse.Namespace) -> int:
     config = _loaded(arguments)
     out = _out(arguments, config)
     with Progress() as progress:
-        result = run(config, arguments.config, out, progress, _StopRequests(), arguments.live)
+        result = run(config, arguments.config, out, progress, arguments.live)
     print(format_summary(result.summary))
     print(f"log      {out / 'run.mcap'} (show it: sandwich-sitl replay {out / 'run.mcap'})")
     return result.exit_status
@@ -139,7 +123,7 @@ def _offboard(arguments: argparse.Namespace) -> int:
     out = _out(arguments, config)
     with Progress() as progress:
         plan = make_plan(config, arguments.config, progress)
-        flown = offboard(config, plan, out / "offboard.mcap", progress, _StopRequests())
+        flown = offboard(config, plan, out / "offboard.mcap", progress)
         result = conclude_offboard(out / "offboard.mcap", out, flown, progress)
     print(format_summary(result.summary))
     print(f"log      {out / 'run.mcap'}")

@@ -12,7 +12,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -29,13 +30,14 @@ from sandwich_sitl.recording.recorder import RunRecorder
 from sandwich_sitl.recording.streams import DebugStreams
 from sandwich_sitl.recording.summary import summarise
 from sandwich_sitl.run import FlightResult, Observers, fly
+from sandwich_sitl.signals import StopRequests
 from sandwich_sitl.viewing.live import live_command
 from sandwich_sitl.world.load import load_world
 from vehicle_sim.config import parse_vehicle_section, vehicle_schema
 from vehicle_sim.errors import VehicleError
 
-_VEHICLE_START_S = 20.0
-_VEHICLE_STOP_S = 5.0
+_START_S = 20.0
+_STOP_S = 5.0
 _PORT_STEP = 40  # PX4: instance i listens on 14580 + i and sends to 14540 + i
 _HIGHEST_PORT = 65535 - _PORT_STEP
 
@@ -83,30 +85,26 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
     )
 
 
-def run(
-    config: RunConfig, config_path: Path, out: Path, progress: Progress, stop: Callable[[], int], live: bool
-) -> RunResult:
+def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, live: bool) -> RunResult:
     """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`."""
     check_vehicle_section(config, config_path)
     ports = _ports(config, config_path)
     plan = make_plan(config, config_path, progress)
     config = dataclasses.replace(config, link=dataclasses.replace(config.link, uri=f"udpin://{ports.offboard}"))
     vehicle_log = out / "vehicle.mcap"
-    vehicle = _start_vehicle(config, config_path, ports, vehicle_log)
     viewer = subprocess.Popen(live_command(config.zenoh)) if live else None
     try:
-        result = offboard(config, plan, out / "offboard.mcap", progress, stop)
+        with _vehicle(config, config_path, ports, vehicle_log):
+            result = offboard(config, plan, out / "offboard.mcap", progress)
     finally:
-        _stop(vehicle)
         if viewer is not None:
             viewer.terminate()
+            viewer.wait(_STOP_S)
     return _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
 
 
-def offboard(
-    config: RunConfig, plan: FlightPlan, log_path: Path, progress: Progress, stop: Callable[[], int]
-) -> FlightResult:
-    """Fly `plan` over the configured link, recording into `log_path`."""
+def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Progress) -> FlightResult:
+    """Fly `plan` over the configured link, recording into `log_path`; Ctrl-C brakes, holds and lands."""
     data = config_as_dict(config)
     about = {
         "name": config.name,
@@ -122,7 +120,8 @@ def offboard(
         progress.note(streams.problem)
     with streams, RunRecorder(log_path, flush_s=config.logging.flush_s, metadata=about, streams=streams) as recorder:
         recorder.plan(0.0, plan)
-        result = fly(config, plan, Observers(recorder, progress.flight), stop)
+        with StopRequests() as stop:
+            result = fly(config, plan, Observers(recorder, progress.flight), stop)
         recorder.metadata(
             "result",
             {
@@ -188,8 +187,9 @@ def _ports(config: RunConfig, config_path: Path) -> _Ports:
         return _Ports(f"{host}:{probe.getsockname()[1]}", f"{host}:0")
 
 
-def _start_vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path) -> subprocess.Popen[str]:
-    """Start `vehicle-sim` and wait until its port is bound."""
+@contextmanager
+def _vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path) -> Iterator[None]:
+    """`vehicle-sim`, started and bound to its port, until the block ends."""
     command = [
         sys.executable, "-m", "vehicle_sim", str(config_path),
         "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
@@ -200,28 +200,34 @@ def _start_vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
+    try:
+        _wait_until_bound(process)
+        yield
+    finally:
+        _stop(process)
+
+
+def _wait_until_bound(process: subprocess.Popen[str]) -> None:
     assert process.stdout is not None
-    ready, _, _ = select.select([process.stdout], [], [], _VEHICLE_START_S)
-    if ready and process.stdout.readline():
-        return process
-    _stop(process)
     assert process.stderr is not None
+    ready, _, _ = select.select([process.stdout], [], [], _START_S)
+    if ready and process.stdout.readline():
+        return
+    _stop(process)
     said = process.stderr.read().strip().splitlines()
     if process.returncode == InputError.exit_status and said:
         raise InputError(said[-1])
-    raise LinkError(
-        f"vehicle-sim did not start within {_VEHICLE_START_S:g} s: {said[-1] if said else 'it said nothing'}"
-    )
+    raise LinkError(f"vehicle-sim did not start within {_START_S:g} s: {said[-1] if said else 'it said nothing'}")
 
 
 def _stop(process: subprocess.Popen[str]) -> None:
     if process.poll() is None:
         process.terminate()
     try:
-        process.wait(_VEHICLE_STOP_S)
+        process.wait(_STOP_S)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.wait(_VEHICLE_STOP_S)
+        process.wait(_STOP_S)
 
 
 def _versions() -> dict[str, str]:

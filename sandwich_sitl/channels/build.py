@@ -22,7 +22,7 @@ from sandwich_sitl.channels.classify import classify
 from sandwich_sitl.channels.dividers import lay_dividers
 from sandwich_sitl.channels.elliptic import interpolate, residual, solve_elliptic
 from sandwich_sitl.channels.untangle import Untangled, corner_sines, untangle
-from sandwich_sitl.errors import MapError
+from sandwich_sitl.errors import MapError, NoRouteError
 from sandwich_sitl.world.grow import GrownWorld
 from sandwich_sitl.world.pockets import dead_ends, fill
 
@@ -46,8 +46,12 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, keep: tup
             return _build(grown, pockets, cell_m, min_rows)
         except _FoldedChannelError as error:
             refused = str(error)
+        except NoRouteError:
+            if not pockets:
+                raise
+            break  # closing this much splits the world in two
     raise MapError(
-        f"channel map: {refused}, even with dead ends behind mouths below {_MOUTHS[-1] * cell_m:g} m closed; "
+        f"channel map: {refused}, even with dead ends closed as far as that splits nothing; "
         "the map is refused: try a smaller planner.cell_m or a smaller planner.margin_m"
     )
 

@@ -35,7 +35,7 @@ def save_map(channel_map: ChannelMap, path: Path) -> None:
 def load_map(path: Path) -> ChannelMap:
     """Read a map that `save_map` wrote. Raises `InputError` naming the file when it is missing or not such a map."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             header = json.loads(str(data["header"]))
             if header["format"] != _FORMAT:
                 raise InputError(

@@ -63,6 +63,12 @@ def decode(frame: Frame) -> Any:
     return _DECODER.decode(bytearray(frame.raw))
 
 
+def payload(raw: bytes | bytearray) -> bytes:
+    """Payload of one frame (pymavlink's `get_payload` begins within the header of a MAVLink 2 frame)."""
+    start = 10 if raw[0] == mavlink.PROTOCOL_MARKER_V2 else 6
+    return bytes(raw[start : start + raw[1]])
+
+
 def is_autopilot_heartbeat(frame: Frame) -> bool:
     """True for the HEARTBEAT of an autopilot, false for a ground station's, a companion's or a camera's."""
     if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
@@ -224,6 +230,5 @@ class Telemetry:
         value = float(message.param_value)
         code = _INTEGER_CODES.get(message.param_type)
         if code is not None and self.autopilot is Autopilot.PX4:
-            payload = bytes(message.get_payload()).ljust(4, b"\0")
-            value = float(struct.unpack(code, payload[:4])[0])
+            value = float(struct.unpack(code, payload(message.get_msgbuf()).ljust(4, b"\0")[:4])[0])
         self._parameters = MappingProxyType({**self._parameters, name: value})

@@ -95,7 +95,7 @@ def _map_section(plan: FlightPlan | None) -> Section:
     if plan is None:
         return dict.fromkeys(keys)
     quality = plan.channel_map.quality
-    seconds = plan.seconds.get("map", sum(plan.seconds.values())) if plan.seconds else None
+    seconds = plan.seconds.get("channel map")
     values = (
         plan.channel_map.channels,
         plan.channel_map.nodes,

@@ -61,7 +61,7 @@ def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
     sealed = mitred(mitred(shapely.union_all(simple), _SEAL_M), -_SEAL_M)
     frame = box(*world.bounds_m)
     clipped = _without_border_slivers(sealed & frame, frame, detail_m).simplify(_SHORTEST_EDGE_M)
-    parts = [orient(part) for part in _filled(clipped) if part.area > 0]
+    parts = [orient(part) for part in _filled(clipped) if not mitred(part, -_SHORTEST_EDGE_M).is_empty]
     return GrownWorld(
         bounds_m=world.bounds_m,
         polygons=tuple(parts),

@@ -59,8 +59,8 @@ def check(channel_map: ChannelMap, grown: GrownWorld) -> None:
     np.testing.assert_array_equal(channel_map.Psi[[0, -1]], [y_min, y_max])
     assert (np.diff(channel_map.Psi) >= 0).all()
     for xy in channel_map.xy_m:
-        assert (xy[0, :, 0] == x_min).all()
-        assert (xy[-1, :, 0] == x_max).all()
+        np.testing.assert_allclose(xy[0, :, 0], x_min, atol=1e-9)
+        np.testing.assert_allclose(xy[-1, :, 0], x_max, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(26))

@@ -37,19 +37,17 @@ def convex(rng: np.random.Generator, x: float, y: float, size: float) -> Polygon
     return Polygon(points).convex_hull
 
 
-def random_shapes(seed: int) -> list[Polygon]:
-    """0 to 25 obstacles, about a third of them concave; some reach over the border, some overlap."""
+def random_shapes(seed: int, *, over_border: bool = True) -> list[Polygon]:
+    """Up to 25 obstacles, about a third of them concave, at least 1.5 m apart once grown; some reach over the border."""
     rng = np.random.default_rng(seed)
     shapes: list[Polygon] = []
-    for _ in range(seed % 26):
-        x, y, size = rng.uniform(2, 78), rng.uniform(2, 48), rng.uniform(2, 8)
-        kind = rng.integers(0, 6)
-        if kind == 0:
-            shapes.append(ell(x, y, size, rng.uniform(0, 360)))
-        elif kind == 1:
-            shapes.append(horseshoe(x, y, size, rng.uniform(0, 360)))
-        else:
-            shape = convex(rng, x, y, size)
-            if shape.area > 0.5:
-                shapes.append(shape)
+    for _ in range(20 * (seed % 26)):
+        x, y, size = rng.uniform(0, 80), rng.uniform(0, 50), rng.uniform(3, 9)
+        kind, turn = rng.integers(0, 6), rng.uniform(0, 360)
+        shape = ell(x, y, size, turn) if kind == 0 else horseshoe(x, y, size, turn) if kind == 1 else None
+        shape = convex(rng, x, y, size) if shape is None else shape
+        gap = shape.distance(box(*BOUNDS).exterior)
+        roomy = all(shape.distance(other) > 2 * REACH_M + 1.5 for other in shapes)
+        if shape.area > 1.0 and roomy and (gap > REACH_M + 1.5 or (gap == 0 and over_border)) and len(shapes) < seed % 26:
+            shapes.append(shape)
     return shapes

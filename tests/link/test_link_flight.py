@@ -1,6 +1,7 @@
 """The mission over a real socket against the scripted autopilot: the whole of link and mission, without a plan."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def test_lockstep_flight_lands_and_leaves_no_gap() -> None:
     assert not vehicle.armed
     assert any(line.startswith("NAV_RCL_ACT = 2 (Return)") for line in flight.log)
     sequence = [raw[4] for _, way, raw in flight.frames if way == "tx"]
-    assert all((b - a) % 256 == 1 for a, b in zip(sequence, sequence[1:], strict=False))
+    assert all((b - a) % 256 == 1 for a, b in pairwise(sequence))
     stamps = [t for t, _, _ in flight.frames]
     assert stamps == sorted(stamps)
 
@@ -165,7 +166,7 @@ def test_stop_brakes_holds_and_lands() -> None:
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_silent_vehicle_is_lost(mode: str) -> None:
-    with pytest.raises(LinkError, match="silent for 2 s; last heard at .* mode loiter, disarmed"):
+    with pytest.raises(LinkError, match=r"silent for 2 s; last heard at .* mode loiter, disarmed"):
         fly(Behaviour(silent_after_ms=100 if mode == "lockstep" else 3600), mode)
 
 

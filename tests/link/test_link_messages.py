@@ -245,6 +245,8 @@ def test_mode_changes_are_sent_once_and_never_repeated_by_the_link() -> None:
 
 FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, 0.02)
 INSIDE = np.array((10.0, 10.0, 5.0))
+NEXT = np.array((10.7, 10.0, 5.0))
+FAR = np.array((21.0, 10.0, 5.0))
 
 
 @pytest.mark.parametrize(
@@ -257,7 +259,7 @@ INSIDE = np.array((10.0, 10.0, 5.0))
         (Setpoint(INSIDE, np.array((0.0, 21.0, 0.0)), None, 0.0), "velocity"),
         (Setpoint(INSIDE, None, np.array((0.0, 0.0, inf)), 0.0), "acceleration"),
         (Setpoint(INSIDE, None, None, nan), "yaw"),
-        (Setpoint(INSIDE + (0.7, 0.0, 0.0), None, None, 0.0), "last setpoint"),
+        (Setpoint(NEXT, None, None, 0.0), "last setpoint"),
         (Setpoint(INSIDE, None, None, 0.0), None),
     ],
 )  # fmt: skip
@@ -267,6 +269,6 @@ def test_fence(setpoint: Setpoint, words: str | None) -> None:
 
 
 def test_fence_keeps_setpoints_near_the_vehicle() -> None:
-    far = objection(Setpoint(INSIDE, None, None, 0.0), None, INSIDE + (11.0, 0.0, 0.0), Fence((0, 0, 50, 40), (0, 20)))
+    far = objection(Setpoint(INSIDE, None, None, 0.0), None, FAR, Fence((0, 0, 50, 40), (0, 20)))
     assert far is not None
     assert "from the vehicle" in far

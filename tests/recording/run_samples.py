@@ -78,7 +78,7 @@ def small_plan(*, obstacles: bool = True) -> FlightPlan:
             polygons_m=rings,
             neighbours_m=np.stack(rings),
         ),
-        seconds={"map": 0.5, "route": 0.25},
+        seconds={"channel map": 0.5, "route": 0.25},
     )
 
 

@@ -55,7 +55,7 @@ def test_metadata_plan_and_timings_come_back(run_log: RunLog) -> None:
     assert run_log.metadata["vehicle"] == {"seed": "7"}
     assert run_log.plan is not None
     assert plan_bytes(run_log.plan) == plan_bytes(run_samples.small_plan())
-    assert run_log.plan.seconds == {"map": 0.5, "route": 0.25}
+    assert run_log.plan.seconds == {"channel map": 0.5, "route": 0.25}
     np.testing.assert_array_equal(run_log.timings.tick, np.arange(151))
     np.testing.assert_allclose(run_log.timings.solve_s, 1e-3 * np.arange(1, 152), atol=1e-7)
     np.testing.assert_allclose(run_log.timings.t_s, np.arange(151) * 0.1, atol=1e-9)
