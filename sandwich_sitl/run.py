@@ -107,6 +107,9 @@ class _Loop:
         refused = link.send(steering.setpoint, orders.commands)
         sent = time.perf_counter()
         if view.heard:
+            if self._ticks == 0:
+                # Until now the clock was this process's own: what was heard first is stamped with the vehicle's.
+                self._frames = [(now_s, direction, frame) for _, direction, frame in self._frames]
             self._record(now_s, view, orders, steering, refused)
             late_s = 0.0 if self._config.clock.mode == "lockstep" else max(0.0, sent - began - self._budget_s)
             solve_s = solved - solving if steering.tick is not None else 0.0

@@ -1,4 +1,4 @@
-"""Configuration: every bad file gives one line with file, line, key path and fix; every good one survives a round trip."""
+"""Configuration: every bad file gives one line with file, line, key path and fix; good ones survive a round trip."""
 
 import dataclasses
 import json
@@ -36,16 +36,23 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
+def planned(path: Path) -> None:
+    """Read the file, build its world, plan its flight."""
+    config = load_config(path)
+    plan_flight(config, load_world(config.world, path), lambda _: None)
+
+
 def complaint(path: Path) -> str:
-    """The error of reading the file, building its world and planning its flight."""
+    """The error of `planned`."""
     with pytest.raises(InputError) as caught:
-        config = load_config(path)
-        plan_flight(config, load_world(config.world, path), lambda _: None)
+        planned(path)
     return str(caught.value)
 
 
 def test_the_good_file_is_good(tmp_path: Path) -> None:
-    config = load_config(written(tmp_path, GOOD))
+    path = written(tmp_path, GOOD)
+    planned(path)
+    config = load_config(path)
     assert config.start_m == (4.0, 15.0)
     assert config.planner.cell_m == 2.0
     assert config.world.obstacles[0].name == "box"

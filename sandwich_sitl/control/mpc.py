@@ -94,6 +94,8 @@ class Mpc:
         else:
             snap = np.concatenate([self._snap[3:], np.zeros(3)])
             slack = np.full(n, np.nan)
+            # Iterates that are not finite would spoil every later tick.
+            self._solver.warm_start(x=np.zeros(3 * n), y=np.zeros(len(upper)))
         self._snap = snap
         states = (self._G @ x + self._H @ snap).reshape(n, 12)
         return MpcSolution(snap.reshape(n, 3), states, slack, status, int(result.info.iter), usable)

@@ -55,19 +55,16 @@ def fill(grown: GrownWorld, pockets: list[Polygon]) -> GrownWorld:
     """The grown world with the pockets made part of the obstacles round them; no obstacle loses ground."""
     if not pockets:
         return grown
-    seams = shapely.union_all([mitred(pocket, _SEAM_M) for pocket in pockets])
-    named = list(zip(grown.polygons, grown.names, strict=True))
-    walls = [polygon for polygon in grown.polygons if polygon.intersects(seams)]
+    seams = [mitred(pocket, _SEAM_M) for pocket in pockets]
     # Grown by as much as simplifying may take away.
-    merged = mitred(shapely.union_all([*walls, seams]), _SEAM_M).simplify(_SEAM_M) & box(*grown.bounds_m)
-    filled = [orient(Polygon(part.exterior)) for part in _polygons(merged)]
-    apart = [(polygon, name) for polygon, name in named if not any(part.intersects(polygon) for part in filled)]
-    names = ["+".join(name for polygon, name in named if polygon.intersects(part)) or "pocket" for part in filled]
-    return replace(
-        grown,
-        polygons=(*(polygon for polygon, _ in apart), *filled),
-        names=(*(name for _, name in apart), *names),
+    solid = mitred(shapely.union_all([*grown.polygons, *seams]), _SEAM_M).simplify(_SEAM_M) & box(*grown.bounds_m)
+    parts = [orient(Polygon(part.exterior)) for part in _polygons(solid)]
+    names = tuple(
+        "+".join(name for polygon, name in zip(grown.polygons, grown.names, strict=True) if polygon.intersects(part))
+        or "pocket"
+        for part in parts
     )
+    return replace(grown, polygons=tuple(parts), names=names)
 
 
 def _mouths(neck: Polygon, room: Polygon) -> int:

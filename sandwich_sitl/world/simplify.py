@@ -1,22 +1,27 @@
 """Fewer vertices, never less obstacle: each step removes one vertex or one edge and only adds ground to the polygon.
 
-Two moves, each allowed while it displaces the outline by less than the tolerance: a reflex vertex is dropped (the chord
-covers the notch), or a short convex edge is replaced by the point where its two neighbours meet.
+Two moves, each allowed while it displaces the outline by less than the tolerance and the new outline lies that near to
+the given polygon: a reflex vertex is dropped (the chord covers the notch), or a short convex edge is replaced by the
+point where its two neighbours meet.
 """
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import LineString, Polygon
 from shapely.geometry.polygon import orient
 
 Array = NDArray[np.float64]
 
 
 def simplify_outwards(polygon: Polygon, tolerance_m: float) -> Polygon:
-    """A valid polygon that covers `polygon` (its holes filled) and reaches at most about `tolerance_m` further."""
-    ring = [np.asarray(point) for point in orient(Polygon(polygon.exterior)).exterior.coords[:-1]]
+    """A valid polygon that covers `polygon` (its holes filled) and reaches at most `tolerance_m` further."""
+    given = orient(Polygon(polygon.exterior))
+    ring = [np.asarray(point) for point in given.exterior.coords[:-1]]
+    room = given.buffer(tolerance_m)
+    shapely.prepare(room)
     while len(ring) > 4:
-        moves = [move for i in range(len(ring)) for move in _moves(ring, i, tolerance_m)]
+        moves = [move for i in range(len(ring)) for move in _moves(ring, i, tolerance_m, room)]
         if not moves:
             break
         _, index, replacement, dropped = min(moves, key=lambda move: (move[0], move[1]))
@@ -30,8 +35,10 @@ def simplify_outwards(polygon: Polygon, tolerance_m: float) -> Polygon:
     return orient(Polygon(ring))
 
 
-def _moves(ring: list[Array], i: int, tolerance: float) -> list[tuple[float, int, Array | None, tuple[int, ...]]]:
-    """Moves at vertex i: (displacement, position, replacement or None, indices dropped)."""
+def _moves(
+    ring: list[Array], i: int, tolerance: float, room: Polygon
+) -> list[tuple[float, int, Array | None, tuple[int, ...]]]:
+    """Moves at vertex i that stay in `room`: (displacement, position, replacement or None, indices dropped)."""
     n = len(ring)
     before, here, after, second = ring[i - 1], ring[i], ring[(i + 1) % n], ring[(i + 2) % n]
     moves: list[tuple[float, int, Array | None, tuple[int, ...]]] = []
@@ -40,14 +47,14 @@ def _moves(ring: list[Array], i: int, tolerance: float) -> list[tuple[float, int
     turn = _cross(here - before, after - here)
     if length > 0 and turn <= 0:
         displacement = abs(_cross(chord, here - before)) / length
-        if displacement < tolerance:
+        if displacement < tolerance and room.covers(LineString([before, after])):
             moves.append((displacement, i, None, (i,)))
     if turn > 0 and _cross(after - here, second - after) > 0:
         apex = _meet(before, here, second, after)
         if apex is not None:
             edge = after - here
             displacement = abs(_cross(edge, apex - here)) / float(np.hypot(*edge))
-            if displacement < tolerance:
+            if displacement < tolerance and room.covers(LineString([before, apex, second])):
                 moves.append((displacement, i, apex, (i, (i + 1) % n)))
     return moves
 

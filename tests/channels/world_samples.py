@@ -38,7 +38,7 @@ def convex(rng: np.random.Generator, x: float, y: float, size: float) -> Polygon
 
 
 def random_shapes(seed: int, *, over_border: bool = True) -> list[Polygon]:
-    """Up to 25 obstacles, about a third of them concave, at least 1.5 m apart once grown; some reach over the border."""
+    """Up to 25 obstacles, a third of them concave, 1.5 m apart or more once grown; some reach over the border."""
     rng = np.random.default_rng(seed)
     shapes: list[Polygon] = []
     for _ in range(20 * (seed % 26)):
@@ -48,6 +48,7 @@ def random_shapes(seed: int, *, over_border: bool = True) -> list[Polygon]:
         shape = convex(rng, x, y, size) if shape is None else shape
         gap = shape.distance(box(*BOUNDS).exterior)
         roomy = all(shape.distance(other) > 2 * REACH_M + 1.5 for other in shapes)
-        if shape.area > 1.0 and roomy and (gap > REACH_M + 1.5 or (gap == 0 and over_border)) and len(shapes) < seed % 26:
+        fits = over_border or shape.within(box(*BOUNDS))
+        if fits and shape.area > 1.0 and roomy and (gap == 0 or gap > REACH_M + 1.5) and len(shapes) < seed % 26:
             shapes.append(shape)
     return shapes
