@@ -77,7 +77,7 @@ class MpcConfig:
     step_s: Positive = 0.1
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 4.0
     observer_radps: Annotated[float, Field(gt=0, description="bandwidth of the state observer")] = 1.0
-    delay_s: Annotated[float, Field(ge=0, le=0.5, description="from a set-point to the motion it asks for")] = 0.04
+    delay_s: Annotated[float, Field(ge=0, le=0.5, description="from a set-point to the motion it asks for")] = 0.0
 
 
 @dataclass(frozen=True, config=_STRICT)

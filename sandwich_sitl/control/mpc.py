@@ -10,7 +10,7 @@ N15), so its snap comes from the same cost in closed form.
 The cost is divided by beta and the inputs are whitened, xi = L' U with W1 / beta = L L': the Hessian is the identity
 and the rows of the constraints are positions in metres, so OSQP sees numbers near one. The workspace is set up once;
 a tick updates q, the bounds and the entries of A, whose pattern is full and therefore never changes, and starts warm
-from the shifted last solution.
+from the last solution.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ _ITERATION_LIMIT = 7  # OSQP: stopped at max_iter with a usable iterate
 class MpcSolution:
     """Snap (n, 3) over the horizon, predicted states (n, 12), slack per step (n,), and what the solver said.
 
-    `usable` is false when the solver gave no finite answer; `snap` is then the shifted last plan.
+    `usable` is false when the solver gave no finite answer; `snap` is then the last plan that was.
     """
 
     snap: Array
@@ -92,7 +92,7 @@ class Mpc:
             snap[2::3] = -self._inverse_W1_z @ w2_z
             slack = np.maximum(solution[2 * n :], 0.0)
         else:
-            snap = np.concatenate([self._snap[3:], np.zeros(3)])
+            snap = self._snap
             slack = np.full(n, np.nan)
             # Iterates that are not finite would spoil every later tick.
             self._solver.warm_start(x=np.zeros(3 * n), y=np.zeros(len(upper)))

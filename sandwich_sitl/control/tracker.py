@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tick:
-    """Result of one tick: the state (12,) to command at its end, the snap (3,) that leads there, the solver's answer.
+    """Result of one tick: the state (12,) to command, the snap (3,) that leads there, and the solver's answer.
 
-    `desired_m` (3,) is the reference and `region` its corridor index at the time of the set-point.
+    `desired_m` (3,) is the reference and `region` its corridor index at the time of the tick.
     """
 
     setpoint: Array
@@ -42,6 +42,7 @@ class Tracker:
             FACES,
         )
         self._ahead = np.arange(1, config.horizon_steps + 1, dtype=np.float64) * config.step_s
+        self._step_s, self._planned_s = config.step_s, 0.0
         self.observer = Observer(self._period_s, config.observer_radps, r_m)
 
     @property
@@ -52,18 +53,26 @@ class Tracker:
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at reference time `t_s` with the measured position and velocity (3,), `age_s` old.
 
-        What is commanded now is flown `delay_s` later, so the observer's state and the plan live that much in the
-        future.
+        What is commanded now is flown `delay_s` later: the set-point is the plan's state at `t_s + delay_s`, and the
+        observer, one period before it advances, lives at `t_s + delay_s - period`.
         """
-        t_s = t_s + self._delay_s
-        self.observer.correct(r_m, v_mps, age_s + self._delay_s)
-        desired, region = self._sample(t_s + self._ahead)
+        lead_s = self._delay_s - self._period_s
+        self.observer.correct(r_m, v_mps, age_s + lead_s)
+        desired, region = self._sample(t_s + lead_s + self._ahead)
         solution = self._mpc.solve(
             self.observer.x, desired, self._corridor.Lambda[region], self._corridor.Gamma[region]
         )
-        setpoint = self.observer.advance(solution.snap[0]).copy()
-        now, now_region = self._sample(np.array([t_s + self._period_s]))
-        return Tick(setpoint, solution.snap[0], now[0], int(now_region[0]), solution)
+        if solution.usable:
+            self._planned_s = t_s
+        snap = self._planned_snap(solution, t_s - self._planned_s)
+        setpoint = self.observer.advance(snap).copy()
+        now, now_region = self._sample(np.array([t_s]))
+        return Tick(setpoint, snap, now[0], int(now_region[0]), solution)
+
+    def _planned_snap(self, solution: MpcSolution, age_s: float) -> Array:
+        """Snap (3,) of a plan that is `age_s` old: an unusable answer leaves the last plan running, then none."""
+        step = int(age_s / self._step_s + 1e-9)
+        return solution.snap[step] if step < len(solution.snap) else np.zeros(3)
 
     def _sample(self, t_s: Array) -> tuple[Array, NDArray[np.int64]]:
         """Desired positions (n, 3) and regions (n,) at times (n,), held at the end."""

@@ -78,9 +78,9 @@ def test_observer_follows_the_snap_exactly_when_nothing_disturbs() -> None:
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.04])
 def test_tracker_with_an_exact_plant_stays_close_and_inside_its_regions(delay_s: float) -> None:
-    """The plant flies what was commanded `delay_s` ago: a perfect quadruple integrator with a pure delay."""
+    """A perfect quadruple integrator that is at a tick where it was commanded to be one period and `delay_s` before."""
     reference, corridor = flight()
-    config = dataclasses.replace(MPC, delay_s=delay_s)
+    config = dataclasses.replace(MPC, delay_s=delay_s + DT)
     tracker = Tracker(config, "timed", reference, corridor, reference.xyz_m[0])
     late = round(delay_s / DT)
     commanded = [np.concatenate([reference.xyz_m[0], np.zeros(9)])] * (late + 1)
@@ -107,10 +107,28 @@ def test_tracker_returns_to_the_route_after_a_push() -> None:
     assert np.linalg.norm(state[:3] - reference.xyz_m[-1]) < 0.02
 
 
+def test_an_unusable_answer_leaves_the_last_plan_running_in_its_own_time() -> None:
+    reference, corridor = flight()
+    tracker = Tracker(MPC, "timed", reference, corridor, reference.xyz_m[0])
+    state, usable = np.concatenate([reference.xyz_m[0], np.zeros(9)]), 100
+    for k in range(usable):
+        tick = tracker.tick(k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+    plan = tick.solution.snap
+    broken = dataclasses.replace(reference, xyz_m=np.full_like(reference.xyz_m, np.nan))
+    tracker._reference = broken
+    for k in range(usable, usable + 12):
+        tick = tracker.tick(k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+        assert not tick.solution.usable
+        step = int((k - usable + 1) * DT / MPC.step_s + 1e-9)
+        np.testing.assert_array_equal(tick.snap, plan[step])
+
+
 def test_setpoints_form_one_smooth_motion() -> None:
     """Each set-point is reached from the last one under the reported snap."""
     reference, corridor = flight(6.0)
-    config = dataclasses.replace(MPC, delay_s=0.0)
+    config = dataclasses.replace(MPC, delay_s=DT)
     tracker = Tracker(config, "timed", reference, corridor, reference.xyz_m[0])
     last = np.concatenate([reference.xyz_m[0], np.zeros(9)])
     for k in range(200):
