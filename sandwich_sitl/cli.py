@@ -89,12 +89,23 @@ def _loaded(arguments: argparse.Namespace) -> RunConfig:
     return load_config(arguments.config, overrides)
 
 
+_WRITTEN = ("run.mcap", "offboard.mcap", "vehicle.mcap", "summary.json", "plan.png", "map.npz", "plan.npz")
+
+
 def _out(arguments: argparse.Namespace, config: RunConfig) -> Path:
     out: Path = arguments.out or Path("runs") / f"{config.name}-{datetime.now():%Y%m%d-%H%M%S}"
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for name in _WRITTEN:
+            with (out / name).open("ab"):
+                pass
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be created ({error.strerror})") from error
+        raise InputError(
+            f"--out {out}: cannot be written ({error.strerror}: {error.filename}); give another directory"
+        ) from error
+    for name in _WRITTEN:
+        if (out / name).stat().st_size == 0:
+            (out / name).unlink()
     return out
 
 

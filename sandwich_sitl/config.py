@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from sandwich_sitl.errors import InputError
@@ -26,6 +26,13 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 PointM = tuple[float, float]
 BoundsM = Annotated[tuple[float, float, float, float], Field(description="x_min, y_min, x_max, y_max in metres")]
+
+
+def _whole_milliseconds(rate_hz: float) -> float:
+    """Lockstep recognises a period by its milliseconds."""
+    if abs(1000.0 / rate_hz - round(1000.0 / rate_hz)) > 1e-9:
+        raise ValueError("the period 1 / rate_hz must be whole milliseconds, such as rate_hz 25, 40, 50, 100 or 125")
+    return rate_hz
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -64,15 +71,15 @@ class PlannerConfig:
     margin_m: Annotated[float, Field(gt=0, description="added to the radius when obstacles are grown for planning")]
     cell_m: Annotated[float, Field(gt=0, description="edge length asked of a cell of the mapped grid")] = 1.0
     min_rows: Annotated[int, Field(ge=3, description="least number of nodes across a channel")] = 5
-    speed_mps: Positive = 3.0
-    acceleration_mps2: Positive = 2.0
+    speed_mps: Annotated[float, Field(ge=0.1, le=30)] = 3.0
+    acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
 
 
 @dataclass(frozen=True, config=_STRICT)
 class MpcConfig:
     """Model predictive control of the quadruple integrator (paper, section V)."""
 
-    rate_hz: Positive = 50.0
+    rate_hz: Annotated[float, Field(ge=5, le=500), AfterValidator(_whole_milliseconds)] = 50.0
     horizon_steps: Annotated[int, Field(ge=4, le=100)] = 20
     step_s: Positive = 0.1
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 4.0
@@ -139,7 +146,7 @@ class RunConfig:
     world: WorldConfig
     start_m: PointM
     goal_m: PointM
-    altitude_m: Annotated[float, Field(gt=0, description="flight altitude above the start, the paper's z0")]
+    altitude_m: Annotated[float, Field(ge=1, le=500, description="flight altitude above the start, the paper's z0")]
     planner: PlannerConfig
     name: str = "run"
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
@@ -286,7 +293,7 @@ def _placed_at_key(key_node: yaml.Node, value_node: yaml.Node) -> yaml.Node:
 
 def _is_union_label(part: int | str) -> bool:
     """Pydantic puts the tried branch of a union into the path, e.g. 'constrained-tuple'."""
-    return isinstance(part, str) and ("[" in part or "-" in part)
+    return isinstance(part, str) and ("[" in part or part.startswith("constrained-"))
 
 
 def _dotted(loc: Sequence[int | str]) -> str:

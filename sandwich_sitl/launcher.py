@@ -28,7 +28,7 @@ from sandwich_sitl.recording.merge import merge_logs
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.recorder import RunRecorder
 from sandwich_sitl.recording.streams import DebugStreams
-from sandwich_sitl.recording.summary import summarise
+from sandwich_sitl.recording.summary import SAFETY_VIOLATION, summarise
 from sandwich_sitl.run import FlightResult, Observers, fly
 from sandwich_sitl.signals import StopRequests
 from sandwich_sitl.viewing.live import live_command
@@ -100,7 +100,11 @@ def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, liv
         if viewer is not None:
             viewer.terminate()
             viewer.wait(_STOP_S)
-    return _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
+    concluded = _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
+    if concluded.exit_status == 0 and concluded.summary["flight"]["rms_error_m"] is None:
+        progress.note("the vehicle's log holds no truth, so nobody can say that the flight was safe")
+        return dataclasses.replace(concluded, exit_status=1)
+    return concluded
 
 
 def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Progress) -> FlightResult:
@@ -146,21 +150,10 @@ def _conclude(logs: Sequence[Path], out: Path, result: FlightResult, progress: P
     merged = out / "run.mcap"
     for problem in merge_logs([path for path in logs if path.exists()], merged):
         progress.note(problem)
-    log = RunLog.read(merged)
-    summary = summarise(log)
-    violation = _violation(summary, log.plan)
-    status = result.outcome.exit_status
-    if violation is not None and status == 0:
-        status, summary["reason"] = 1, violation
+    summary = summarise(RunLog.read(merged))
+    status = 1 if summary["outcome"] == SAFETY_VIOLATION else result.outcome.exit_status
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return RunResult(status, summary)
-
-
-def _violation(summary: dict[str, Any], plan: FlightPlan | None) -> str | None:
-    clearance = summary["flight"]["min_clearance_m"]
-    if clearance is None or plan is None or clearance >= plan.vehicle_radius_m:
-        return None
-    return f"safety violation: passed {clearance:.3f} m from an obstacle, the vehicle's radius is {plan.vehicle_radius_m:g} m"
 
 
 @dataclass(frozen=True)
@@ -177,7 +170,8 @@ def _ports(config: RunConfig, config_path: Path) -> _Ports:
     host, _, port = address.rpartition(":")
     if scheme != "udpin" or not host or not port.isdecimal() or int(port) > _HIGHEST_PORT:
         raise InputError(
-            f"{config_path}: link.uri: {config.link.uri}: `run` starts the vehicle itself and needs udpin://HOST:PORT; "
+            f"{config_path}: link.uri: {config.link.uri}: `run` starts the vehicle itself and needs udpin://HOST:PORT "
+            f"with PORT at most {_HIGHEST_PORT}; "
             "use `sandwich-sitl offboard` to fly a vehicle that is already there"
         )
     if int(port) != 0:
@@ -195,10 +189,15 @@ def _vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path
         "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
         "--clock", config.clock.mode, "--speed", str(config.clock.speed), "--seed", str(config.seed),
         "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",
-        "--set", f"start_m={json.dumps(config.start_m)}",
+        "--set", f"start_m={json.dumps(config.start_m)}", "--until-eof",
     ]  # fmt: skip
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     try:
         _wait_until_bound(process)

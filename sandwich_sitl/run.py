@@ -68,6 +68,7 @@ class _Loop:
         shapely.prepare(self._obstacles)
         self._frames: list[tuple[float, str, bytes]] = []
         self._last_state: State | None = None
+        self._refused: str | None = None
         self._ticks = 0
         self._horizon_due_s = 0.0
 
@@ -83,6 +84,7 @@ class _Loop:
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,
         )
+        self._on_state(0.0, str(State.CONNECT), f"listening for a vehicle on {self._config.link.uri}")
         began = time.perf_counter()
         with session as link, _no_garbage_collection():
             try:
@@ -104,7 +106,10 @@ class _Loop:
         solving = time.perf_counter()
         steering = self._pilot.steer(orders.stream, now_s, view)
         solved = time.perf_counter()
-        refused = link.send(steering.setpoint, orders.commands)
+        # The last tick sends nothing: in lockstep the vehicle would go on to a step that nobody waits for.
+        refused = None if orders.finished else link.send(steering.setpoint, orders.commands)
+        if refused is None:
+            self._pilot.accepted(now_s)
         sent = time.perf_counter()
         if view.heard:
             if self._ticks == 0:
@@ -134,8 +139,9 @@ class _Loop:
             self._recorder.log(now_s, "info", line)
         for text in view.status_texts:
             self._recorder.log(now_s, "warning" if text.severity <= 4 else "info", f"vehicle: {text.text}")
-        if refused is not None:
+        if refused is not None and self._refused is None:
             self._recorder.log(now_s, "error", f"set-point not sent: {refused}")
+        self._refused = refused
         if view.r_m is not None:
             q_wxyz = _NO_ROTATION if view.q_wxyz is None else view.q_wxyz
             self._recorder.tf_and_estimate(now_s, view.r_m, q_wxyz)

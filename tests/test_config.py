@@ -64,7 +64,7 @@ def test_the_good_file_is_good(tmp_path: Path) -> None:
         ("altitude_m: 8", "altitude_m: 8\naltitude: 3", 8, ("altitude:", "not a known key", "--schema")),
         ("  margin_m: 0.6", "  margins_m: 0.6\n  margin_m: 0.6", 10, ("planner.margins_m", "not a known key")),
         ("altitude_m: 8", "altitude_m: high", 7, ("altitude_m", "number", '"high"')),
-        ("altitude_m: 8", "altitude_m: -8", 7, ("altitude_m", "greater than 0", "-8")),
+        ("altitude_m: 8", "altitude_m: -8", 7, ("altitude_m", "greater than or equal to 1", "-8")),
         ("altitude_m: 8", "altitude_m: .nan", 7, ("altitude_m", "finite")),
         ("altitude_m: 8", "altitude_m: .inf", 7, ("altitude_m", "finite")),
         ("altitude_m: 8\n", "", 1, ("altitude_m", "missing", "add it")),

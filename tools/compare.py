@@ -4,6 +4,7 @@ Two lockstep runs with one seed must have equal payload digests; the exit status
 """
 
 import argparse
+import signal
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -57,4 +58,5 @@ def shown(value: Any) -> str:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` is no error
     sys.exit(main())

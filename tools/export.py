@@ -6,6 +6,7 @@ field becomes three columns `..._x_m`, `..._y_m`, `..._z_m`. Times are the vehic
 
 import argparse
 import dataclasses
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -89,4 +90,5 @@ def track_columns(track: Any) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` is no error
     sys.exit(main())

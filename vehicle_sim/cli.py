@@ -4,6 +4,7 @@ import argparse
 import gc
 import signal
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--connect", required=True, metavar="URI", help="udpout://HOST:PORT or udpin://HOST:PORT")
     parser.add_argument("--bind", metavar="HOST:PORT", help="where udpout sends from (default 127.0.0.1:14580)")
     parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record into this file")
+    parser.add_argument(
+        "--until-eof", action="store_true", help="end when standard input ends, so as not to outlive its starter"
+    )
     parser.add_argument("--clock", choices=("realtime", "lockstep"), help="overrides clock.mode")
     parser.add_argument("--speed", type=float, metavar="X", help="overrides clock.speed")
     parser.add_argument("--seed", type=int, metavar="N", help="overrides seed")
@@ -54,6 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _fly(arguments: argparse.Namespace) -> int:
     config = load_run(arguments.config, _overrides(arguments))
     endpoints = parse_endpoints(arguments.connect, arguments.bind)
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: stop.append(received))
+    if arguments.until_eof:
+        threading.Thread(target=_stop_at_eof, args=(stop,), daemon=True).start()
     with open_socket(endpoints.bind) as sock:
         recorder = Recorder(arguments.log, config) if arguments.log is not None else None
         try:
@@ -62,9 +71,6 @@ def _fly(arguments: argparse.Namespace) -> int:
                 config.clock.mode == "lockstep",
                 recorder.sample if recorder is not None else None,
             )
-            stop: list[int] = []
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda received, _frame: stop.append(received))
             server = Server(sock, endpoints, node, _pace(config), recorder)
             gc.collect()
             gc.freeze()
@@ -77,6 +83,11 @@ def _fly(arguments: argparse.Namespace) -> int:
             if recorder is not None:
                 recorder.close()
     return 0
+
+
+def _stop_at_eof(stop: list[int]) -> None:
+    sys.stdin.buffer.read()
+    stop.append(signal.SIGTERM)
 
 
 def _pace(config: RunConfig) -> Pace:

@@ -47,11 +47,11 @@ def spread_nodes(pieces: tuple[Piece, ...], x_min: float, x_max: float, m_phi: i
     barrier = np.full(m_phi, -1)
     for piece, start, end in zip(pieces, columns[:-1], columns[1:], strict=True):
         span = slice(int(start), int(end) + 1)
+        lower[span] = _side_nodes(piece.lower, int(end - start))
         if piece.barrier is None:
-            lower[span] = upper[span] = along_arc(piece.lower, int(end - start) + 1)
+            upper[span] = lower[span]
             continue
-        lower[span] = _wall_nodes(piece.lower, int(end - start))
-        upper[span] = _wall_nodes(piece.upper, int(end - start))
+        upper[span] = _side_nodes(piece.upper, int(end - start))
         apart = np.flatnonzero((lower[span] != upper[span]).any(axis=1)) + int(start)
         barrier[apart] = piece.barrier.index
     return Streamline(lower, upper, barrier)
@@ -90,12 +90,10 @@ def _monotone(x: Array) -> Array:
 
 
 def _least_intervals(piece: Piece) -> int:
-    if piece.barrier is None:
-        return 1
     return max(len(piece.lower), len(piece.upper)) - 1
 
 
-def _wall_nodes(path: Array, intervals: int) -> Array:
+def _side_nodes(path: Array, intervals: int) -> Array:
     advance = _ARC_SHARE * _arc_length(path) + _monotone(path[:, 0])
     advance = advance - advance[0]
     columns = integer_columns(advance / advance[-1] * intervals, [1] * (len(path) - 1), intervals)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.channels.barrier import Barrier
 from sandwich_sitl.channels.classify import Classification
+from sandwich_sitl.channels.thinning import thinned
 from sandwich_sitl.channels.tips import Tip
 from sandwich_sitl.channels.walls import wall_on_border, walls_between_channels
 
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 _KEPT_SHARE = 0.35  # of the equal-spacing gap, kept free on each side of a streamline
 _STIFFNESS = 0.4  # how many channel widths a bend spreads over
+_GIVEN_SHARE = 0.25  # of the room to its neighbours a streamline may give when vertices are dropped: two give half
+_COARSEST = 0.05  # of a column: what dropping vertices may move where there is room
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,8 @@ def lay_dividers(
     x = _columns(groups, bounds, column_m)
     low, high = _extents(groups, bounds, x)
     y = _smooth(x, low, high, groups.groups, bounds)
-    inner = [_pieces(x, y[d], chain, bounds) for d, chain in enumerate(groups.groups)]
+    give = np.minimum(_GIVEN_SHARE * _room(low, high, y), _COARSEST * column_m)
+    inner = [_pieces(x, y[d], give[d], chain, bounds) for d, chain in enumerate(groups.groups)]
     return (_border(groups.bottom, bounds, top=False), *inner, _border(groups.top, bounds, top=True))
 
 
@@ -102,6 +106,13 @@ def _smooth(
         y[level] = np.where(free, np.minimum(y[level], bottom_of[level + 1] - kept[level]), y[level])
         bottom_of[level] = np.where(free, y[level], bottom_of[level])
     return y[1:-1]
+
+
+def _room(low: Array, high: Array, y: Array) -> Array:
+    """Vertical room (p - 1, n) between each dividing streamline and what lies next above and below."""
+    inner_low, inner_high = (np.where(np.isnan(side[1:-1]), y, side[1:-1]) for side in (low, high))
+    below, above = np.vstack([high[:1], inner_high[:-1]]), np.vstack([inner_low[1:], low[-1:]])
+    return np.asarray(np.minimum(y - below, above - y))
 
 
 def _even_spacing(low: Array, high: Array) -> tuple[Array, Array]:
@@ -210,32 +221,33 @@ def _normal_matrix(difference: sp.csr_array, rows: NDArray[np.bool_]) -> sp.csc_
 
 
 def _pieces(
-    x: Array, y: Array, chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float]
+    x: Array, y: Array, give: Array, chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float]
 ) -> tuple[Piece, ...]:
     pieces: list[Piece] = []
     left: Tip | None = None
     open_end = True
     for barrier in chain:
         if open_end and (barrier.left_tip is not None or left is not None):
-            path = _free_path(x, y, left, barrier.left_tip)
+            path = _free_path(x, y, give, left, barrier.left_tip)
             pieces.append(Piece(None, path, path))
         walls = walls_between_channels(barrier, bounds)
         pieces.append(Piece(barrier, walls.lower, walls.upper))
         left, open_end = barrier.right_tip, barrier.right_tip is not None
     if open_end:
-        path = _free_path(x, y, left, None)
+        path = _free_path(x, y, give, left, None)
         pieces.append(Piece(None, path, path))
     return tuple(pieces)
 
 
-def _free_path(x: Array, y: Array, left: Tip | None, right: Tip | None) -> Array:
-    """Nodes of the columns between two tips, and the tips themselves; None stands for the border."""
+def _free_path(x: Array, y: Array, give: Array, left: Tip | None, right: Tip | None) -> Array:
+    """The curve between two tips, as few vertices as it may have; None stands for the border."""
     start = 0 if left is None else int(np.searchsorted(x, left.x_end_m, side="right"))
     end = len(x) if right is None else int(np.searchsorted(x, right.x_end_m, side="left"))
     path = np.column_stack([x[start:end], y[start:end]])
     before = np.empty((0, 2)) if left is None else _way_out(left)
     after = np.empty((0, 2)) if right is None else _way_out(right)[::-1]
-    return np.concatenate([before, path, after])
+    stiff = [np.zeros(len(before)), give[start:end], np.zeros(len(after))]
+    return thinned(np.concatenate([before, path, after]), np.concatenate(stiff))
 
 
 def _way_out(tip: Tip) -> Array:

@@ -39,7 +39,8 @@ class Pilot:
         self._config, self._reference, self._corridor = config, reference, corridor
         self._tracker: Tracker | None = None
         self._track_from_s = 0.0
-        self._usable_s = 0.0
+        self._sent_s = 0.0
+        self._fresh = False
         self._brake: BrakeProfile | None = None
         self._brake_from_s = 0.0
         self._ground_m: float | None = None
@@ -52,8 +53,13 @@ class Pilot:
         return self._ground_m or 0.0
 
     def plan_stale(self, now_s: float) -> bool:
-        """Whether the tracker flies on a plan older than `STALE_S`."""
-        return self._tracker is not None and now_s - self._usable_s > STALE_S
+        """Whether no fresh plan was sent for longer than `STALE_S`: the solver failed or the fence refused."""
+        return self._tracker is not None and now_s - self._sent_s > STALE_S
+
+    def accepted(self, now_s: float) -> None:
+        """The last set-point went out; only one from a usable plan counts as fresh."""
+        if self._fresh:
+            self._sent_s = now_s
 
     def route_finished(self, now_s: float, view: VehicleView) -> bool:
         """Whether the reference has ended and the vehicle rests at its end."""
@@ -82,11 +88,10 @@ class Pilot:
         lift = np.array([0.0, 0.0, self.ground_m])
         if self._tracker is None:
             self._tracker = Tracker(self._config.mpc, self._config.mode, self._reference, self._corridor, r_m - lift)
-            self._track_from_s = self._usable_s = now_s
+            self._track_from_s = self._sent_s = now_s
         age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
         tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
-        if tick.solution.usable:
-            self._usable_s = now_s
+        self._fresh = tick.solution.usable
         state = tick.setpoint
         return self._answer(Setpoint(state[:3] + lift, state[3:6], state[6:9], self._yaw_rad), tick)
 

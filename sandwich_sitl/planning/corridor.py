@@ -22,6 +22,8 @@ HalfPlanes = list[tuple[Array, float]]
 
 FACES = 8
 _AREA_M2 = 1e-9
+_MOST_CUTS = 40
+_HAIR_M = 1e-6  # a separating half-plane keeps this much off the obstacle, so that no sliver of it stays
 
 
 def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
@@ -99,7 +101,7 @@ def _cut(planes: HalfPlanes, stretch: Array, tree: shapely.STRtree) -> HalfPlane
     """Add the half-planes that separate the region from every obstacle of the tree."""
     core = shapely.MultiPoint(stretch).convex_hull
     planes = list(planes)
-    while True:
+    for _ in range(_MOST_CUTS):
         region = _polygon(planes, stretch)
         pieces = [tree.geometries[k].intersection(region) for k in tree.query(region)]
         pieces = [piece for piece in pieces if piece.area > _AREA_M2]
@@ -108,10 +110,11 @@ def _cut(planes: HalfPlanes, stretch: Array, tree: shapely.STRtree) -> HalfPlane
         nearest = min(pieces, key=core.distance)
         p, q = shapely.get_coordinates(shapely.shortest_line(core, nearest))
         gap = float(np.hypot(*(q - p)))
-        if gap < 1e-6:
+        if gap < 2 * _HAIR_M:
             raise MapError(f"corridor: the reference meets an obstacle at ({q[0]:.2f}, {q[1]:.2f})")
         normal = (q - p) / gap
-        planes.append((normal, float(normal @ q)))
+        planes.append((normal, float(normal @ q) - _HAIR_M))
+    raise MapError(f"corridor: no region free of obstacles near ({stretch[0, 0]:.2f}, {stretch[0, 1]:.2f})")
 
 
 def _sides(corners: Array) -> HalfPlanes:

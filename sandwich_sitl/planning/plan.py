@@ -27,7 +27,8 @@ from sandwich_sitl.world.world import World
 
 Array = NDArray[np.float64]
 
-_DETAIL = 0.1  # of a cell: outline details below this are smoothed outwards
+_DETAIL = 0.15  # of a cell and of the margin: outline details below this are smoothed outwards
+_MOST_NODES = 2_000_000
 _KEPT_MARGIN = 0.6  # of the margin: what smoothing leaves between the reference and the radius-grown obstacles
 _CLIMB_MPS = 1.5
 _HALF_WIDTH_CELLS = 3.0  # how far a region may reach from its stretch of reference
@@ -49,8 +50,10 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     """
     planner = config.planner
     on_stage("grow obstacles")
-    grown = grow(world, planner.vehicle_radius_m + planner.margin_m, _DETAIL * planner.cell_m)
-    _check_ends(config, grown)
+    check_size(config, world)
+    detail = min(_DETAIL * planner.cell_m, _DETAIL * planner.margin_m)
+    grown = grow(world, planner.vehicle_radius_m + planner.margin_m, detail)
+    check_ends(config, grown)
     on_stage("channel map")
     channel_map = build_channel_map(grown, planner.cell_m, planner.min_rows, (config.start_m, config.goal_m))
     on_stage("route")
@@ -62,7 +65,7 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
     exact = exact_shortest_path(free, grown.rings_m(), start, goal)
     on_stage("reference and corridor")
-    solid = grow(world, planner.vehicle_radius_m, _DETAIL * planner.cell_m)
+    solid = grow(world, planner.vehicle_radius_m, detail)
     reference, corridor = (
         _paper_reference(config, channel_map, route)
         if config.mode == "paper"
@@ -120,7 +123,20 @@ def find_route(
     return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
 
 
-def _check_ends(config: RunConfig, grown: GrownWorld) -> None:
+def check_size(config: RunConfig, world: World) -> None:
+    """Raise `InputError` when the world at this cell size has more nodes than fit in memory and patience."""
+    x_min, y_min, x_max, y_max = world.bounds_m
+    nodes = (x_max - x_min) * (y_max - y_min) / config.planner.cell_m**2
+    if nodes > _MOST_NODES:
+        fitting = float(np.sqrt((x_max - x_min) * (y_max - y_min) / _MOST_NODES))
+        raise InputError(
+            f"planner.cell_m: {config.planner.cell_m:g} gives about {nodes:.2g} nodes, the limit is {_MOST_NODES:.2g}; "
+            f"use at least {fitting:.2g}"
+        )
+
+
+def check_ends(config: RunConfig, grown: GrownWorld) -> None:
+    """Raise `InputError` when start or goal lies outside the world or inside a grown obstacle."""
     x_min, y_min, x_max, y_max = grown.bounds_m
     for key, (x, y) in (("start_m", config.start_m), ("goal_m", config.goal_m)):
         if not (x_min <= x <= x_max and y_min <= y <= y_max):
@@ -130,7 +146,7 @@ def _check_ends(config: RunConfig, grown: GrownWorld) -> None:
             reach = config.planner.vehicle_radius_m + config.planner.margin_m
             raise InputError(
                 f"{key}: ({x:g}, {y:g}) lies inside obstacle '{blocker}' grown by {reach:g} m "
-                "(planner.vehicle_radius_m + planner.margin_m); move it further away"
+                "(planner.vehicle_radius_m + planner.margin_m), or in ground that it encloses; move it out"
             )
 
 

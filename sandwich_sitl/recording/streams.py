@@ -9,7 +9,6 @@ Keys: `topics.stream_key`; liveliness token `sitl/{vehicle}/alive/{process}`; qu
 """
 
 import json
-import logging
 from types import TracebackType
 from typing import Any, Self
 
@@ -22,8 +21,6 @@ from sandwich_sitl.recording.topics import (
     stream_encoding,
     stream_key,
 )
-
-_LOG = logging.getLogger(__name__)
 
 
 class DebugStreams:
@@ -49,16 +46,15 @@ class DebugStreams:
         try:
             session = zenoh.open(session_config(config))
         except zenoh.ZError as error:
-            return cls._closed(f"debug streams are off: {' '.join(str(error).split())}")
+            return cls._closed(f"debug streams are off: {_first_words(error)}")
         try:
             return cls(session, _publishers(session, config), _presence(session, config, process, params_json), None)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
-            return cls._closed(f"debug streams are off: {' '.join(str(error).split())}")
+            return cls._closed(f"debug streams are off: {_first_words(error)}")
 
     @classmethod
     def _closed(cls, problem: str) -> Self:
-        _LOG.warning(problem)
         return cls(None, {}, (), problem)
 
     def __enter__(self) -> Self:
@@ -86,6 +82,11 @@ class DebugStreams:
         if self._session is not None:
             session, self._session = self._session, None
             session.close()
+
+
+def _first_words(error: Exception) -> str:
+    """What went wrong, without the source positions that Zenoh appends."""
+    return " ".join(str(error).split()).split(" at /")[0]
 
 
 def session_config(config: ZenohConfig, *, listen: bool = True) -> Any:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Section = dict[str, Any]
 
 ACTIVE = "ACTIVE"
+SAFETY_VIOLATION = "safety_violation"
 REGION_TOLERANCE_M = 1e-9
 INFEASIBLE_STATUS = (3, 4, 5, 6)  # OSQP: primal or dual infeasible, accurate or not
 
@@ -33,18 +34,29 @@ def summarise(log: RunLog) -> Section:
     """The summary as plain data, ready for JSON."""
     run, result = log.metadata.get("run", {}), log.metadata.get("result", {})
     seed = run.get("seed")
+    flight = _flight_section(log)
+    outcome, reason = _verdict(result.get("outcome", "unfinished"), result.get("reason", ""), flight, log.plan)
     return {
         "name": run.get("name") or (log.plan.name if log.plan else None),
-        "outcome": result.get("outcome", "unfinished"),
-        "reason": result.get("reason", ""),
+        "outcome": outcome,
+        "reason": reason,
         "seed": int(seed) if seed is not None else None,
         "clock": run.get("clock"),
         "map": _map_section(log.plan),
         "route": _route_section(log.plan),
-        "flight": _flight_section(log),
+        "flight": flight,
         "mpc": _mpc_section(log),
         "link": _link_section(log),
     }
+
+
+def _verdict(outcome: str, reason: str, flight: Section, plan: FlightPlan | None) -> tuple[str, str]:
+    """A landing that came nearer to an obstacle than the vehicle's radius is a safety violation."""
+    clearance = flight["min_clearance_m"]
+    if plan is None or clearance is None or clearance >= plan.vehicle_radius_m:
+        return outcome, reason
+    passed = f"passed {clearance:.3f} m from an obstacle, the vehicle's radius is {plan.vehicle_radius_m:g} m"
+    return SAFETY_VIOLATION, f"{passed}; otherwise: {outcome}"
 
 
 def format_summary(summary: Section) -> str:
@@ -156,7 +168,7 @@ def _mpc_section(log: RunLog) -> Section:
     return {
         "ticks": int(np.count_nonzero(solved)),
         "solve_ms": _percentiles(timings.solve_s[timings.solve_s > 0] * 1e3),
-        "loop_ms": _percentiles(timings.loop_s * 1e3),
+        "loop_ms": _percentiles(timings.loop_s[timings.solve_s > 0] * 1e3),
         "infeasible": int(np.isin(log.control.solver_status, INFEASIBLE_STATUS).sum()),
         "deadline_misses": int(np.count_nonzero(timings.late_s > 0)),
         "max_slack_m": float(log.control.slack_m[solved].max()) if solved.any() else None,

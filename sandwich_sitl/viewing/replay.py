@@ -58,6 +58,10 @@ def write_recording(log: RunLog, path: Path) -> None:
 
     if not path.parent.is_dir():
         raise InputError(f"{path}: its directory does not exist; create it first")
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another file") from error
     run_id = log.metadata.get("run", {}).get("run_id", log.path.stem)
     recording = rr.RecordingStream(APPLICATION, recording_id=run_id)
     recording.save(path, default_blueprint=layout())

@@ -56,10 +56,10 @@ def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
         return GrownWorld(world.bounds_m, (), ())
     reach = distance_m + 2 * _SHORTEST_EDGE_M
     shapes = [mitred(o.polygon, reach) for o in world.obstacles]
-    filled = _filled(_united(shapes))
-    simple = _filled(_united([simplify_outwards(polygon, detail_m) for polygon in filled]))
-    sealed = mitred(mitred(shapely.union_all(simple), _SEAL_M), -_SEAL_M)
     frame = box(*world.bounds_m)
+    filled = _filled(shapely.intersection(_united(shapes), frame))
+    simple = _filled(shapely.intersection(_united([simplify_outwards(part, detail_m) for part in filled]), frame))
+    sealed = mitred(mitred(shapely.union_all(simple), _SEAL_M), -_SEAL_M)
     clipped = _without_border_slivers(sealed & frame, frame, detail_m).simplify(_SHORTEST_EDGE_M)
     parts = [orient(part) for part in _filled(clipped) if not mitred(part, -_SHORTEST_EDGE_M).is_empty]
     return GrownWorld(

@@ -28,7 +28,14 @@ def offboard_and_vehicle(start: Start, config: Path, out: Path) -> tuple[Process
     )
     vehicle.wait_for("ready")
     offboard = start(
-        "sandwich_sitl.cli", "offboard", str(config), "--connect", f"udpin://127.0.0.1:{port}", "--out", str(out), *clock
+        "sandwich_sitl.cli",
+        "offboard",
+        str(config),
+        "--connect",
+        f"udpin://127.0.0.1:{port}",
+        "--out",
+        str(out),
+        *clock,
     )
     return offboard, vehicle, port
 
@@ -114,7 +121,13 @@ def test_an_occupied_port_is_one_line_and_exit_status_2(start: Start, short_conf
         holder.bind(("127.0.0.1", 0))
         port = holder.getsockname()[1]
         process = start(
-            "sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path), "--set", f"link.uri=udpin://127.0.0.1:{port}"
+            "sandwich_sitl.cli",
+            "run",
+            str(short_config),
+            "--out",
+            str(tmp_path),
+            "--set",
+            f"link.uri=udpin://127.0.0.1:{port}",
         )
         assert process.finish(60) == 2
     errors = [line for line in process.lines if line.startswith("sandwich-sitl:")]
@@ -123,7 +136,9 @@ def test_an_occupied_port_is_one_line_and_exit_status_2(start: Start, short_conf
     assert not any("Traceback" in line for line in process.lines)
 
 
-def test_a_vehicle_that_never_answers_is_an_error_before_take_off(start: Start, short_config: Path, tmp_path: Path) -> None:
+def test_a_vehicle_that_never_answers_is_an_error_before_take_off(
+    start: Start, short_config: Path, tmp_path: Path
+) -> None:
     process = start(
         "sandwich_sitl.cli", "offboard", str(short_config), "--connect", f"udpin://127.0.0.1:{free_port()}",
         "--out", str(tmp_path), "--clock", "realtime", "--set", "mission.connect_timeout_s=2",

@@ -28,7 +28,11 @@ SUMMARY_KEYS = {
 
 def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "sandwich_sitl.cli", *arguments], capture_output=True, text=True, timeout=150, check=False
+        [sys.executable, "-m", "sandwich_sitl.cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
     )
 
 
@@ -72,7 +76,9 @@ def test_truth_and_command_agree_in_every_axis(flown: Path) -> None:
         assert np.ptp(setpoint[:, axis]) > 1.0
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(flown: Path, short_config: Path, tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
+    flown: Path, short_config: Path, tmp_path: Path
+) -> None:
     first = payload_digests(read_raw(flown / "run.mcap"))
     for seed, same in (("3", True), ("4", False)):
         out = tmp_path / seed

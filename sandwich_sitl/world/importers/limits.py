@@ -10,8 +10,8 @@ from pathlib import Path
 from sandwich_sitl.errors import InputError
 
 MAX_TEXT_BYTES = 64 * 2**20  # GeoJSON, WKT, CSV, MovingAI and the image of a grid
-MAX_OSM_BYTES = 256 * 2**20
-MAX_OSM_OBJECTS = 20_000_000  # nodes, ways and relations passed on the way to the buildings
+MAX_OSM_BYTES = 64 * 2**20
+MAX_OSM_OBJECTS = 5_000_000  # nodes, ways and relations: a small file can unpack to very many
 MAX_YAML_BYTES = 64 * 2**10
 MAX_YAML_DEPTH = 8
 MAX_WKT_DEPTH = 8

@@ -18,7 +18,8 @@ class ImportOptions:
     window_deg: (west, south, east, north); shapes outside are skipped; for maps in degrees.
     where: (key, value) pairs that a feature's properties or tags must all equal.
     storey_m: height of a storey, where a map gives `building:levels` and no height.
-    repair: cover what a self-crossing outline encloses instead of refusing the file.
+    repair: cover what a self-crossing outline encloses and drop one without area, instead of refusing the file;
+        always so for OpenStreetMap, where a user cannot mend the source.
     cell_m: edge of a cell, for grid maps whose file does not say (MovingAI).
     passable: characters of a MovingAI map that are free ground.
     unknown_is_free: unknown cells of a grid are ground to fly over, not obstacles.

@@ -1,0 +1,205 @@
+"""ROS map_server and MovingAI files: what each pixel means, and one line for every file that cannot be used."""
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from sandwich_sitl.errors import InputError
+from sandwich_sitl.world.importers import ImportOptions, read_world
+from sandwich_sitl.world.importers.ros_map import read_ros_map
+
+GREY = np.array([[0, 255, 205], [254, 100, 255]], dtype=np.uint8)
+
+
+def ros(folder: Path, pixels: NDArray[np.uint8] | None = GREY, name: str = "m.pgm", **keys: object) -> Path:
+    if pixels is not None:
+        Image.fromarray(pixels).save(folder / name)
+    values: dict[str, object] = {"image": name, "resolution": 0.5, "origin": [1.0, 2.0, 0.0]} | keys
+    path = folder / "m.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in values.items() if value is not None))
+    return path
+
+
+def drawn(path: Path) -> list[str]:
+    """North first: # solid, ? unknown, . free."""
+    grid = read_ros_map(path)
+    letters = np.where(grid.solid, "#", np.where(grid.unknown, "?", "."))
+    return ["".join(row) for row in letters[::-1]]
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({}, ["#.?", ".?."]),  # p = 1, 0, 0.196078 (not below 0.196); 0.004, 0.608, 0
+        ({"free_thresh": 0.25, "occupied_thresh": 0.6}, ["#..", ".#."]),
+        ({"negate": 1}, [".##", "#?#"]),
+        ({"mode": "scale", "negate": 0}, ["#.?", ".?."]),
+    ],
+)
+def test_thresholds(tmp_path: Path, keys: dict[str, object], expected: list[str]) -> None:
+    assert drawn(ros(tmp_path, **keys)) == expected
+
+
+@pytest.mark.parametrize("name", ["m.png", "m.bmp", "m.pgm"])
+def test_image_formats_agree(tmp_path: Path, name: str) -> None:
+    assert drawn(ros(tmp_path, name=name)) == ["#.?", ".?."]
+
+
+def test_colours_are_averaged_and_transparent_pixels_unknown(tmp_path: Path) -> None:
+    pixels = np.zeros((1, 3, 4), dtype=np.uint8)
+    pixels[0] = [(0, 0, 0, 255), (255, 255, 255, 255), (0, 0, 0, 0)]
+    assert drawn(ros(tmp_path, pixels, "m.png")) == ["#.?"]
+    pixels[0, :2, :3] = [(0, 0, 255), (200, 230, 255)]  # means 85 and 228: p = 0.667 and 0.105
+    assert drawn(ros(tmp_path, pixels, "m.png")) == ["#.?"]
+
+
+def test_sixteen_bit_and_plain_text_pgm(tmp_path: Path) -> None:
+    path = ros(tmp_path, None)
+    (tmp_path / "m.pgm").write_bytes(b"P5 3 1 65535\n" + np.array([0, 65535, 40000], dtype=">u2").tobytes())
+    assert drawn(path) == ["#.?"]
+    (tmp_path / "m.pgm").write_bytes(b"P2\n# made by hand\n3 1\n255\n0 255 205\n")
+    assert drawn(path) == ["#.?"]
+
+
+def test_place_scale_and_unknown_cells(tmp_path: Path) -> None:
+    path = ros(tmp_path, np.array([[254, 254, 0], [254, 254, 254], [205, 254, 254]], dtype=np.uint8))
+    known = read_world(path, ImportOptions(unknown_is_free=True))
+    (obstacle,) = known.world.obstacles
+    assert obstacle.polygon.bounds == (2.0, 3.0, 2.5, 3.5)
+    assert known.world.bounds_m == (1.0, 2.0, 2.5, 3.5)
+    both = read_world(path)
+    assert sorted(o.polygon.bounds for o in both.world.obstacles) == [(1.0, 2.0, 1.5, 2.5), (2.0, 3.0, 2.5, 3.5)]
+    assert both.report.grid is not None
+    assert (both.report.grid.occupied_cells, both.report.grid.unknown_cells) == (1, 1)
+
+
+def test_renamed_image_is_found_and_said(tmp_path: Path) -> None:
+    remarks = read_world(ros(tmp_path) and ros(tmp_path, None, name="lost.pgm")).report.remarks
+    assert "lost.pgm is missing; took m.pgm" in remarks[0].reason
+
+
+def png_declaring(width: int, height: int) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    bomb = chunk(b"IDAT", zlib.compress(bytes(20_000_000), 9))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + bomb + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (png_declaring(60000, 60000), "exceeds limit"),
+        (png_declaring(0, 5), "image"),
+        (b"P5 999999 999999 255\n", "exceeds limit"),
+        (b"P5 9999 9999 255\n", "exceeds limit"),
+        (b"P5 8999 8999 255\n", "declares 8999 x 8999"),
+        (b"P5 3000 3000 255\n\0\0", "cannot be read as an image"),
+        (b"P5 3 nonsense", "image"),
+        (png_declaring(3000, 3000)[:1000], "cannot be read as an image"),
+        (b"GIF89a", "is not an image"),
+        (b"", "is not an image"),
+    ],
+)
+def test_bad_images(tmp_path: Path, image: bytes, words: str) -> None:
+    path = ros(tmp_path, None)
+    (tmp_path / "m.pgm").write_bytes(image)
+    with pytest.raises(InputError, match=words) as caught:
+        read_world(path)
+    assert str(caught.value).startswith(str(tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_more_data_than_declared_is_never_unpacked(tmp_path: Path) -> None:
+    path = ros(tmp_path, None)
+    (tmp_path / "m.pgm").write_bytes(png_declaring(4, 4))
+    with pytest.raises(InputError, match="no free cell"):
+        read_world(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"resolution": 0}, "resolution: must be"),
+        ({"resolution": ".nan"}, "resolution: must be"),
+        ({"resolution": "wide"}, "resolution: must be"),
+        ({"resolution": None}, "resolution: must be"),
+        ({"origin": [0, 0]}, "origin: must be"),
+        ({"origin": "[0, 0, .inf]"}, "origin: must be"),
+        ({"negate": 2}, "negate: must be"),
+        ({"mode": "raw"}, "mode: must be one of trinary, scale"),
+        ({"free_thresh": 0.9}, "must be ordered"),
+        ({"image": "gone.pgm"}, "gone.pgm: cannot be read"),
+        ({"image": 3}, "image: must name"),
+        ({"image": None}, "needs image"),
+        ({"image": "."}, "not a regular file"),
+    ],
+)
+def test_bad_keys(tmp_path: Path, keys: dict[str, object], words: str) -> None:
+    path = ros(tmp_path, None, **keys)
+    with pytest.raises(InputError, match=words):
+        read_world(path)
+
+
+BOMB = "a: &a {x: 1}\n" + "".join(
+    f"{chr(98 + k)}: &{chr(98 + k)} {{<<: [{', '.join(['*' + chr(97 + k)] * 9)}]}}\n" for k in range(9)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BOMB, "alias"),
+        ("image: " + "[" * 30_000, "nests deeper"),
+        ("image: m.pgm\nresolution: [", "is not YAML"),
+        ("image: !!python/object/apply:os.getcwd []", "is not YAML"),
+        ("- image", "is not a map_server file"),
+        ("image: a\n" + "#" * 70_000, "more than 65536"),
+        ("image: 2001-99-99\nimage2: 2001-99-99", "is not YAML"),
+    ],
+)
+def test_bad_yaml(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_world(path)
+    assert "\n" not in str(caught.value)
+
+
+MAP = "type octile\nheight 3\nwidth 4\nmap\n.@T.\n....\nSW.G\n"
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_moving_ai(tmp_path: Path, ends: str) -> None:
+    path = tmp_path / "arena.map"
+    path.write_bytes(MAP.replace("\n", ends).encode())
+    imported = read_world(path, ImportOptions(cell_m=2.0, simplify_m=0))
+    assert sorted(o.polygon.bounds for o in imported.world.obstacles) == [(2, 0, 4, 2), (2, 4, 6, 6)]
+    assert imported.world.bounds_m == (0, 0, 8, 6)
+    dry = read_world(path, ImportOptions(passable=".GW"))
+    assert sorted(o.polygon.bounds for o in dry.world.obstacles) == [(0, 0, 1, 1), (1, 2, 3, 3)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nothing", "is not a MovingAI map"),
+        (MAP[:-6], "line 7: ends after 2 of 3 rows"),
+        (MAP[:-3], "line 7: has 2 cells, not 4"),
+        (MAP.replace("T", "x"), "line 5: 'x' is no terrain"),
+        (MAP.replace("3", "three"), "line 2"),
+        (MAP.replace("height 3", "width 3"), "line 3: repeats"),
+        (MAP.replace("3", "100000").replace("4", "100000"), "declares 100000 x 100000"),
+        (MAP.replace("height 3", "height 0"), "declares"),
+    ],
+)
+def test_bad_moving_ai(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "arena.map"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_world(path)
