@@ -1,4 +1,4 @@
-"""`sandwich-sitl`: run, plan, offboard, replay, config.
+"""`sandwich-sitl`: run, plan, offboard, replay, world, config.
 
 Exit status: 0 done; 1 safety violation or a failed viewer; 2 bad input; 3 no route; 4 map refused; 5 vehicle lost; 6
 mission not flown as planned; 130 interrupted.
@@ -18,6 +18,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import yaml  # noqa: E402
+from pydantic import TypeAdapter, ValidationError  # noqa: E402
 
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config  # noqa: E402
 from sandwich_sitl.errors import InputError, SandwichError  # noqa: E402
@@ -51,6 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("log", type=Path, metavar="RUN.mcap")
     replay.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a Rerun file instead of opening a window")
     replay.set_defaults(action=_replay)
+    world = commands.add_parser("world", help="read a map file, say what was read, draw it")
+    world.add_argument("file", type=Path, metavar="FILE", help="GeoJSON, .osm(.pbf), map_server .yaml, .map, WKT, CSV")
+    world.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where to write world.png")
+    world.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="an import option, as gap_m=1.5")
+    world.set_defaults(action=_world)
     config = commands.add_parser("config", help="check a configuration, or print the JSON Schema")
     config.add_argument(
         "config", type=Path, nargs="?", metavar="CONFIG", help="check it and print it with its defaults"
@@ -74,9 +80,9 @@ def _command(commands: Any, name: str, action: Any, text: str) -> argparse.Argum
     return parser
 
 
-def _loaded(arguments: argparse.Namespace) -> RunConfig:
+def _overrides(items: Sequence[str]) -> dict[str, Any]:
     overrides: dict[str, Any] = {}
-    for item in arguments.set:
+    for item in items:
         key, separator, text = item.partition("=")
         if not separator or not key:
             raise InputError(f"--set {item}: must be KEY=VALUE, such as planner.cell_m=0.5")
@@ -84,6 +90,11 @@ def _loaded(arguments: argparse.Namespace) -> RunConfig:
             overrides[key] = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise InputError(f"--set {item}: the value is not valid YAML") from error
+    return overrides
+
+
+def _loaded(arguments: argparse.Namespace) -> RunConfig:
+    overrides = _overrides(arguments.set)
     named = {"clock.mode": arguments.clock, "clock.speed": arguments.speed, "seed": arguments.seed}
     overrides |= {key: value for key, value in named.items() if value is not None}
     return load_config(arguments.config, overrides)
@@ -166,6 +177,28 @@ def _replay(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.viewing.replay import replay
 
     replay(arguments.log, arguments.save)
+    return 0
+
+
+def _world(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.viewing.world_picture import draw_world
+    from sandwich_sitl.world.importers import ImportOptions, read_world
+    from sandwich_sitl.world_report import world_report
+
+    try:
+        options = TypeAdapter(ImportOptions).validate_json(json.dumps(_overrides(arguments.set)))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"--set {key}: {first['msg']}") from error
+    imported = read_world(arguments.file, options)
+    try:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        draw_world(imported.world, arguments.out / "world.png")
+    except OSError as error:
+        raise InputError(f"--out {arguments.out}: cannot be written ({error.strerror})") from error
+    print(world_report(imported))
+    print(f"picture   {arguments.out / 'world.png'}")
     return 0
 
 
