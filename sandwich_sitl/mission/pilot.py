@@ -53,11 +53,11 @@ class Pilot:
         return self._ground_m or 0.0
 
     def plan_stale(self, now_s: float) -> bool:
-        """Whether no fresh plan was sent for longer than `STALE_S`: the solver failed or the fence refused."""
+        """Whether no fresh plan was sent for longer than `STALE_S`: no solution, refused by the fence, or astray."""
         return self._tracker is not None and now_s - self._sent_s > STALE_S
 
     def accepted(self, now_s: float) -> None:
-        """The last set-point went out; only one from a usable plan counts as fresh."""
+        """The last set-point went out; it counts as fresh when its plan was usable and the vehicle on its track."""
         if self._fresh:
             self._sent_s = now_s
 
@@ -91,7 +91,8 @@ class Pilot:
             self._track_from_s = self._sent_s = now_s
         age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
         tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
-        self._fresh = tick.solution.usable
+        astray = float(np.linalg.norm(r_m - lift - tick.desired_m)) > self._config.mission.lost_track_m
+        self._fresh = tick.solution.usable and not astray
         state = tick.setpoint
         return self._answer(Setpoint(state[:3] + lift, state[3:6], state[6:9], self._yaw_rad), tick)
 

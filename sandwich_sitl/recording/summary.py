@@ -103,7 +103,7 @@ def tracking_error(log: RunLog) -> tuple[Array, Array]:
 
 
 def _map_section(plan: FlightPlan | None) -> Section:
-    keys = ("channels", "nodes", "folded_cells", "min_jacobian_ratio", "seconds")
+    keys = ("channels", "nodes", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage", "seconds")
     if plan is None:
         return dict.fromkeys(keys)
     quality = plan.channel_map.quality
@@ -112,7 +112,9 @@ def _map_section(plan: FlightPlan | None) -> Section:
         plan.channel_map.channels,
         plan.channel_map.nodes,
         quality.folded_cells,
+        quality.repaired_cells,
         quality.min_jacobian_ratio,
+        quality.coverage,
         seconds,
     )
     return dict(zip(keys, values, strict=True))

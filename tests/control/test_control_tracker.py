@@ -211,6 +211,30 @@ def test_pilot_setpoints_are_continuous_from_pose_over_track_to_brake() -> None:
     assert not pilot.plan_stale(now)
 
 
+@pytest.mark.parametrize("cause", ["refused", "astray"])
+def test_pilot_gives_up_a_plan_that_is_not_sent_or_not_followed(cause: str) -> None:
+    """Nothing accepted, or the vehicle standing still while the reference leaves: stale, so the mission brakes."""
+    reference, corridor = flight(20.0)
+    config = run_config()
+    config = dataclasses.replace(config, mission=dataclasses.replace(config.mission, lost_track_m=1.0))
+    pilot = Pilot(config, reference, corridor)
+    standing = view_of(reference.xyz_m[0], np.zeros(3), 0.0)
+    stale_at = None
+    for k in range(600):
+        pilot.steer(Stream.TRACK, k * DT, standing)
+        if cause == "astray":
+            pilot.accepted(k * DT)
+        if pilot.plan_stale(k * DT):
+            stale_at = k * DT
+            break
+    assert stale_at is not None
+    if cause == "refused":
+        assert stale_at == pytest.approx(STALE_S, abs=2 * DT)
+    else:
+        gone = np.linalg.norm(reference.xyz_m - reference.xyz_m[0], axis=1) > 1.0
+        assert stale_at == pytest.approx(float(reference.t_s[gone][0]) + STALE_S, abs=3 * DT)
+
+
 def test_pilot_tells_a_stale_plan_and_a_finished_route() -> None:
     reference, corridor = flight(2.0)
     pilot = Pilot(run_config(), reference, corridor)
