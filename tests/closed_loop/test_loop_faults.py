@@ -68,7 +68,7 @@ def test_a_killed_client_leaves_a_readable_log_and_the_vehicle_returns_and_lands
 ) -> None:
     offboard, _, port = offboard_and_vehicle(start, short_config, tmp_path)
     offboard.wait_for("ACTIVE")
-    time.sleep(12 / float(SPEED))
+    time.sleep(6 / float(SPEED))
     offboard.kill()
     heard = heartbeats(port, 90.0, lambda _mode, armed: not armed)
     rtl = 5 << 24 | 4 << 16
@@ -97,7 +97,7 @@ def test_a_killed_vehicle_ends_the_client_with_a_clear_error_and_a_readable_log(
 def test_ctrl_c_brakes_holds_and_lands(start: Start, short_config: Path, tmp_path: Path) -> None:
     offboard, _, _ = offboard_and_vehicle(start, short_config, tmp_path)
     offboard.wait_for("ACTIVE")
-    time.sleep(12 / float(SPEED))
+    time.sleep(6 / float(SPEED))
     offboard.child.send_signal(signal.SIGINT)
     assert offboard.finish(60) == 130
     summary = json.loads((tmp_path / "summary.json").read_text())
