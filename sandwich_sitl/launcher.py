@@ -98,14 +98,11 @@ def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, liv
     plan = make_plan(config, config_path, progress)
     config = dataclasses.replace(config, link=dataclasses.replace(config.link, uri=f"udpin://{ports.offboard}"))
     vehicle_log = out / "vehicle.mcap"
-    viewer = subprocess.Popen(live_command(config.zenoh)) if live else None
-    try:
-        with _vehicle(config, config_path, ports, vehicle_log):
-            result = offboard(config, plan, out / "offboard.mcap", progress)
-    finally:
-        if viewer is not None:
-            viewer.terminate()
-            viewer.wait(_STOP_S)
+    if live:
+        # Not ours to end: it stops watching by itself when the flight is over, and its window stays until it is closed.
+        subprocess.Popen(live_command(config.zenoh), start_new_session=True)
+    with _vehicle(config, config_path, ports, vehicle_log):
+        result = offboard(config, plan, out / "offboard.mcap", progress)
     concluded = _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
     if concluded.exit_status == 0 and concluded.summary["flight"]["rms_error_m"] is None:
         progress.note("the vehicle's log holds no truth, so nobody can say that the flight was safe")

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from sandwich_sitl.viewing.replay import DEFAULT_RADIUS_M, viewer_command
 QUEUE_SAMPLES = 4000
 POLL_S = 0.05
 START_TIMEOUT_S = 60.0
+_NO_VIEWER = "the Rerun viewer did not start; without a screen fly without --live and use `replay --save`"
 VIEWER_TIMEOUT_S = 20.0
 SHOWN_TOPICS = (PLAN_TOPIC, "/state/estimate", "/control/telemetry", "/plan/horizon", "/mission/state", "/log")
 
@@ -99,8 +100,18 @@ class LiveEntities:
             self._entities.region(t_s, [ring], self._plan.altitude_m)
 
 
-def watch(endpoints: Sequence[str], vehicle_name: str, entities: EntityLog, *, start_timeout_s: float) -> None:
-    """Show the flight until its process ends. Raises `LinkError` when none has appeared after `start_timeout_s`."""
+def watch(
+    endpoints: Sequence[str],
+    vehicle_name: str,
+    entities: EntityLog,
+    *,
+    start_timeout_s: float,
+    shown: Callable[[], bool] = lambda: True,
+) -> None:
+    """Show the flight until its process ends, or until nothing is `shown` any more.
+
+    Raises `LinkError` when no flight has appeared after `start_timeout_s`.
+    """
     import zenoh
     import zenoh.ext
 
@@ -116,11 +127,11 @@ def watch(endpoints: Sequence[str], vehicle_name: str, entities: EntityLog, *, s
         held = [_subscribe(session, vehicle_name, topic, samples) for topic in SHOWN_TOPICS]
         held.append(session.liveliness().declare_subscriber(f"sitl/{vehicle_name}/alive/*", on_token, history=True))
         deadline_s = time.monotonic() + start_timeout_s
-        while any(alive.values()) or (not alive and time.monotonic() < deadline_s) or samples:
+        while shown() and (any(alive.values()) or (not alive and time.monotonic() < deadline_s) or samples):
             while samples:
                 live.show(*samples.popleft())
             time.sleep(POLL_S)
-    if not alive:
+    if not alive and shown():
         raise LinkError(f"no flight of '{vehicle_name}' on {', '.join(endpoints)} within {start_timeout_s:g} s")
 
 
@@ -151,14 +162,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
             viewer = _start_viewer(recording)
         else:
             recording.save(options.save, default_blueprint=layout())
-        watch(options.endpoints, options.vehicle, EntityLog(recording), start_timeout_s=START_TIMEOUT_S)
+        watch(
+            options.endpoints,
+            options.vehicle,
+            EntityLog(recording),
+            start_timeout_s=START_TIMEOUT_S,
+            shown=lambda: viewer is None or viewer.poll() is None,
+        )
+        if viewer is not None and viewer.poll():
+            raise SandwichError(_NO_VIEWER)
+        recording.flush(timeout_sec=5.0)
     except SandwichError as error:
         print(f"live view: {error}", file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return 0
     finally:
-        recording.flush(timeout_sec=5.0)
         recording.disconnect()
     return 0 if viewer is None else viewer.wait()
 
@@ -179,7 +198,7 @@ def _start_viewer(recording: Any) -> subprocess.Popen[bytes]:
                 return viewer
         time.sleep(POLL_S)
     viewer.kill()
-    raise SandwichError("the Rerun viewer did not start; without a screen fly without --live and use `replay --save`")
+    raise SandwichError(_NO_VIEWER)
 
 
 if __name__ == "__main__":
