@@ -94,7 +94,7 @@ def _smooth(
         y[1:-1] = _solve_spacing(x, low, high, even, gap, chains, bounds)
     # OSQP is accurate to about 1e-4; one sweep up and one down make the kept gaps exact.
     kept = 0.5 * _KEPT_SHARE * gap
-    top_of, bottom_of = np.where(np.isnan(high), y, high), np.where(np.isnan(low), y, low)
+    top_of = np.where(np.isnan(high), y, high)
     for level in range(1, levels - 1):
         free = np.isnan(low[level])
         raised = np.maximum(y[level], top_of[level - 1] + kept[level - 1])

@@ -5,11 +5,10 @@ exact optimum beside it.
 """
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.search import FoundPath, Graph, Links, astar
+from sandwich_sitl.planning.search import FoundPath, Graph, Links, astar, grid_edges
 
 Array = NDArray[np.float64]
 
@@ -26,13 +25,7 @@ def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array 
     x, y = np.linspace(x_min, x_max, n_x), np.linspace(y_min, y_max, n_y)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     number = np.arange(n_x * n_y).reshape(n_x, n_y)
-    pairs = [
-        (number[:-1], number[1:]),
-        (number[:, :-1], number[:, 1:]),
-        (number[:-1, :-1], number[1:, 1:]),
-        (number[:-1, 1:], number[1:, :-1]),
-    ]
-    edges = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+    edges = grid_edges(number)
     outside = ~free.covered(xy)
     edges = edges[outside[edges].all(axis=1)]
     edges = edges[~free.blocked(xy[edges[:, 0]], xy[edges[:, 1]])]
@@ -69,8 +62,8 @@ def path_points(graph: Graph, found: FoundPath, start: Array, goal: Array) -> Ar
 
 
 def path_length(points: Array) -> float:
-    """Length in metres of a polyline (n, 2)."""
-    return float(shapely.length(shapely.linestrings(points)))
+    """Length in metres of a polyline (n, 2) or (n, 3)."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _visible(free: FreeSpace, xy: Array, point: Array, reach: float) -> Links:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.channel_map import ChannelMap
-from sandwich_sitl.planning.search import Graph, Links
+from sandwich_sitl.planning.search import Graph, Links, grid_edges
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def build_map_graph(channel_map: ChannelMap) -> MapGraph:
         i, j = np.indices(numbers[d].shape)
         place[numbers[d]] = np.stack([np.full_like(i, d), i, j], axis=-1)
         xy_m[numbers[d]] = channel_map.xy_m[d]
-    edges = np.concatenate([_grid_edges(number) for number in numbers])
+    edges = np.concatenate([grid_edges(number) for number in numbers])
     return MapGraph(Graph.from_edges(xy_m, edges), tuple(numbers), place)
 
 
@@ -70,13 +70,3 @@ def locate(channel_map: ChannelMap, point: Array, tolerance_m: float = 1e-9) -> 
         inside = (left_of >= -tolerance_m * np.hypot(side[..., 0], side[..., 1])).all(axis=2)
         found += [(d, int(i), int(j)) for i, j in np.argwhere(inside)]
     return found
-
-
-def _grid_edges(number: NDArray[np.int64]) -> NDArray[np.int64]:
-    pairs = [
-        (number[:-1], number[1:]),
-        (number[:, :-1], number[:, 1:]),
-        (number[:-1, :-1], number[1:, 1:]),
-        (number[:-1, 1:], number[1:, :-1]),
-    ]
-    return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])

@@ -46,6 +46,17 @@ class Graph:
         return seen
 
 
+def grid_edges(number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Edges (E, 2) between the 8-connected neighbours of a grid of node numbers (m, n)."""
+    pairs = [
+        (number[:-1], number[1:]),
+        (number[:, :-1], number[:, 1:]),
+        (number[:-1, :-1], number[1:, 1:]),
+        (number[:-1, 1:], number[1:, :-1]),
+    ]
+    return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+
+
 @dataclass(frozen=True)
 class FoundPath:
     """Nodes of a path without its two end points, and its length with them."""

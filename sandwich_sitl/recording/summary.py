@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.tracks import Frame
@@ -70,14 +71,9 @@ def format_summary(summary: Section) -> str:
     return "\n".join(lines)
 
 
-def path_length_m(xy_m: Array) -> float:
-    """Length of a polyline (N, 2) or (N, 3)."""
-    return float(np.linalg.norm(np.diff(xy_m, axis=0), axis=1).sum())
-
-
 def route_lengths(plan: FlightPlan) -> Section:
     """The three routes' lengths and the Sandwich route's reduction against grid A*, in percent of the latter."""
-    sandwich_m, grid_m, exact_m = (path_length_m(xy) for xy in (plan.sandwich_m, plan.grid_astar_m, plan.exact_m))
+    sandwich_m, grid_m, exact_m = (path_length(xy) for xy in (plan.sandwich_m, plan.grid_astar_m, plan.exact_m))
     return {
         "sandwich_m": sandwich_m,
         "grid_astar_m": grid_m,
@@ -134,7 +130,7 @@ def _flight_section(log: RunLog) -> Section:
     wall_s = float(wall_text) if wall_text is not None else None
     return {
         "duration_s": sum(end - start for start, end in spans),
-        "path_flown_m": path_length_m(path_m) if len(path_m) else None,
+        "path_flown_m": path_length(path_m) if len(path_m) else None,
         "rms_error_m": float(np.sqrt(np.mean(error_m**2))) if error_m.size else None,
         "max_error_m": float(error_m.max()) if error_m.size else None,
         "min_clearance_m": clearance_m(path_m, log.plan),

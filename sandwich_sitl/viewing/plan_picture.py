@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.scene import dividing_streamlines
-from sandwich_sitl.recording.summary import path_length_m, route_lengths
+from sandwich_sitl.recording.summary import route_lengths
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def _draw_routes(axes: Axes, plan: FlightPlan) -> None:
     shorter = "" if reduction is None else f" ({-reduction:+.1f} % to grid A*)"
     routes = (
         (plan.grid_astar_m, _GRID_ASTAR, "-", 1.6, f"grid A*  {lengths['grid_astar_m']:.2f} m"),
-        (plan.sandwich_m, _SANDWICH, "-", 2.4, f"Sandwich  {path_length_m(plan.sandwich_m):.2f} m{shorter}"),
+        (plan.sandwich_m, _SANDWICH, "-", 2.4, f"Sandwich  {path_length(plan.sandwich_m):.2f} m{shorter}"),
         (plan.exact_m, _EXACT, (0, (4, 2)), 1.6, f"exact shortest  {lengths['exact_m']:.2f} m"),
     )
     for xy, colour, style, width, label in routes:
