@@ -70,6 +70,9 @@ class PlannerConfig:
     vehicle_radius_m: Positive
     margin_m: Annotated[float, Field(gt=0, description="added to the radius when obstacles are grown for planning")]
     cell_m: Annotated[float, Field(gt=0, description="edge length asked of a cell of the mapped grid")] = 1.0
+    flow: Annotated[
+        Literal["auto", "x", "y"], Field(description="axis the channels run along; auto: that of the longer leg")
+    ] = "auto"
     min_rows: Annotated[int, Field(ge=3, description="least number of nodes across a channel")] = 5
     speed_mps: Annotated[float, Field(ge=0.1, le=30)] = 3.0
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0

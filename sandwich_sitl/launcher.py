@@ -36,7 +36,6 @@ from sandwich_sitl.world.load import load_world
 from vehicle_sim.config import parse_vehicle_section, vehicle_schema
 from vehicle_sim.errors import VehicleError
 
-_WORTH_SAYING = 0.005  # of the free ground
 _START_S = 20.0
 _STOP_S = 5.0
 _PORT_STEP = 40  # PX4: instance i listens on 14580 + i and sends to 14540 + i
@@ -80,10 +79,11 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
         plan = plan_flight(config, world, on_stage)
     except InputError as error:
         raise InputError(f"{config_path}: {error}") from error
-    lost = 1.0 - plan.channel_map.quality.coverage
-    if lost > _WORTH_SAYING:
+    if plan.channel_map.lost:
+        area = sum(lost.area_m2 for lost in plan.channel_map.lost)
+        names = ", ".join(lost.name for lost in plan.channel_map.lost)
         progress.note(
-            f"map: {100 * lost:.1f} % of the free ground is not mapped: it is enclosed, or a dead end too deep to map"
+            f"map: {area:.2g} m2 of free ground are left out, slivers thinner than a tenth of a cell: {names}"
         )
     ends = [began for _, began in stages[1:]] + [time.perf_counter()]
     return dataclasses.replace(

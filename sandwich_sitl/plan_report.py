@@ -9,9 +9,10 @@ def plan_report(plan: FlightPlan) -> str:
     channel_map, quality = plan.channel_map, plan.channel_map.quality
     sandwich = path_length(plan.sandwich_m)
     lines = [
-        f"map       {channel_map.channels} channels, {channel_map.nodes} nodes, {quality.cells} cells "
-        f"({quality.folded_cells} folded, {quality.repaired_cells} repaired), least corner sine "
-        f"{quality.min_jacobian_ratio:.3f}, mean angle error {quality.mean_angle_error_deg:.1f} deg, coverage {quality.coverage:.4f}",
+        f"map       {channel_map.channels} channels along {channel_map.flow}, {len(channel_map.bays)} bays, "
+        f"{channel_map.nodes} nodes, {quality.cells} cells ({quality.folded_cells} folded, {quality.repaired_cells} repaired)",
+        f"          least corner sine {quality.min_jacobian_ratio:.3f}, mean angle error "
+        f"{quality.mean_angle_error_deg:.1f} deg, edges {quality.median_edge_m:.2f} m, coverage {quality.coverage:.5f}",
         "",
         "          existing A*   Sandwich A*   exact shortest path",
     ]

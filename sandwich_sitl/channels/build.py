@@ -1,149 +1,208 @@
-"""From a grown world to a checked `ChannelMap` (paper, section III).
+"""From a grown world to a `ChannelMap` (paper, section III).
 
-classify -> lay dividing streamlines -> spread boundary nodes -> solve Eq. (ellipticpde) channel by channel -> mend
-folded cells -> check.
+close vertically -> mesh the bays -> classify -> lay dividing streamlines -> spread boundary nodes -> solve
+Eq. (ellipticpde) channel by channel -> unfold -> measure
 
 Why the result is one-to-one: every corner of every wall is a node, so the outer edges of a channel's grid are exactly
 the channel's boundary; when all four corner Jacobians of every quad are positive, every quad is convex, and convex
-quads of one orientation that fill a simple boundary overlap nowhere. Then no grid edge or diagonal meets the inside
-of an obstacle either. Where a world's dead ends are too deep for that, they are closed, widest mouth last, and
-counted as lost ground; a map that still folds is refused.
+quads of one orientation that fill a simple boundary overlap nowhere. Then no grid edge or diagonal meets the inside of
+an obstacle either. Closing makes the walls functions of x, with vertical steps, so that the channels are free of the
+deep pockets in which a grid folds; `check` proves the outcome for the map at hand.
 """
 
 import itertools
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sandwich_sitl.channels.barrier import Barrier
+from sandwich_sitl.channels.bays import Bay, mesh_bay
 from sandwich_sitl.channels.boundary import Streamline, columns_needed, spread_nodes
-from sandwich_sitl.channels.channel_map import ChannelMap, MapQuality
+from sandwich_sitl.channels.channel_map import ChannelMap, Flow, LostGround, grid_quads
 from sandwich_sitl.channels.classify import classify
+from sandwich_sitl.channels.closure import Closure, close_world, with_vertices
 from sandwich_sitl.channels.dividers import lay_dividers
 from sandwich_sitl.channels.elliptic import interpolate, residual, solve_elliptic
-from sandwich_sitl.channels.untangle import Untangled, corner_sines, untangle
-from sandwich_sitl.errors import MapError, NoRouteError
+from sandwich_sitl.channels.flow import turned_back, turned_world
+from sandwich_sitl.channels.quality import measure
+from sandwich_sitl.channels.stations import lay_stations
+from sandwich_sitl.channels.stretches import Sound, without_folds
+from sandwich_sitl.channels.untangle import Untangled, untangle
 from sandwich_sitl.world.grow import GrownWorld
-from sandwich_sitl.world.pockets import dead_ends, fill
 
 Array = NDArray[np.float64]
-Point = tuple[float, float]
 
-_MOUTHS = (0.0, 4.0, 8.0, 16.0)  # in cells: dead ends behind narrower mouths are closed, tried in turn
-_LEAST_SINE = 0.01  # of a corner's angle: 0.6 degrees
-_TOLERANCE = 1e-3  # of a cell: Picard steps end when no node moves more
+LEAST_SINE = 0.01  # of a corner's angle: 0.6 degrees
+_TOLERANCE = 1e-3  # of a cell: residual at which the grid equations count as solved
+_THREADS = 2
+_BLOCK = 4  # intervals across a channel come in multiples of this, those along it of twice this: multigrid halves them
+_THIN = 0.04  # of a cell: a pocket that is nowhere twice as wide, and no passage, is left out
+_SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 
 
-def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, keep: tuple[Point, ...] = ()) -> ChannelMap:
-    """The channel map of a grown world, cells of about `cell_m`; the points `keep` are never counted as dead ends.
+def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flow = "x") -> ChannelMap:
+    """The channel map of a grown world, cells of about `cell_m`, channels along `flow`.
 
-    Raises `NoRouteError` when an obstacle splits the world from bottom to top and `MapError` when cells stay folded.
+    Where a barrier reaches across the flow from border to border no channel passes, and all ground is mapped as bays.
     """
-    refused = ""
-    for mouth in _MOUTHS:
-        pockets = dead_ends(grown, mouth * cell_m, keep) if mouth else []
-        try:
-            return _build(grown, pockets, cell_m, min_rows)
-        except _FoldedChannelError as error:
-            refused = str(error)
-        except NoRouteError:
-            if not pockets:
-                raise
-            break  # closing this much splits the world in two
-    raise MapError(
-        f"channel map: {refused}, even with dead ends closed as far as that splits nothing; "
-        "the map is refused: try a smaller planner.cell_m or a smaller planner.margin_m"
-    )
-
-
-class _FoldedChannelError(Exception):
-    """A channel whose cells could not all be unfolded."""
-
-
-def _build(grown: GrownWorld, pockets: list[shapely.Polygon], cell_m: float, min_rows: int) -> ChannelMap:
-    x_min, y_min, x_max, y_max = grown.bounds_m
-    filled = fill(grown, pockets)
-    groups = classify(filled)
-    dividers = lay_dividers(groups, grown.bounds_m, cell_m)
-    m_phi = max(int(np.ceil((x_max - x_min) / cell_m)) + 1, columns_needed(dividers))
-    streamlines = [spread_nodes(pieces, x_min, x_max, m_phi) for pieces in dividers]
-    grids, repaired, residuals = [], 0, [0.0]
-    for number, (below, above) in enumerate(itertools.pairwise(streamlines)):
-        grid = _mapped_channel(below.upper, above.lower, cell_m, min_rows, f"channel {number + 1}")
-        grids.append(grid.xy_m)
-        repaired += int(grid.repaired.sum())
-        residuals.append(_largest_residual(grid.xy_m, grid.repaired))
+    world = _snapped(turned_world(grown, flow))
+    x_min, y_min, x_max, y_max = world.bounds_m
+    barriers, bays, lost = _barriers(world, cell_m)
+    if any(barrier.on_bottom and barrier.on_top for barrier in barriers):
+        return turned_back(_without_channels(world, cell_m, flow), grown)
+    dividers = lay_dividers(classify(barriers, y_min, y_max, cell_m), world.bounds_m, cell_m)
+    m_phi = _rounded(max(int(np.ceil((x_max - x_min) / cell_m)), columns_needed(dividers, cell_m) - 1), 2 * _BLOCK) + 1
+    stations = lay_stations([shapely.Polygon(barrier.ring_m) for barrier in barriers], world.bounds_m)
+    streamlines = [spread_nodes(pieces, stations, m_phi, cell_m) for pieces in dividers]
+    grids = _solved(streamlines, cell_m, min_rows)
+    bays += tuple(bay for grid in grids for bay in grid.sound.bays)
     inner = streamlines[1:-1]
     barrier = np.array([line.barrier for line in inner], dtype=np.int64).reshape(len(inner), m_phi)
     mean_heights = [float(line.lower[:, 1].mean() + line.upper[:, 1].mean()) / 2 for line in inner]
-    return ChannelMap(
-        bounds_m=grown.bounds_m,
-        xy_m=tuple(grids),
+    cells = np.concatenate([grid_quads(grid.sound.xy_m, grid.sound.gridded) for grid in grids])
+    channel_map = ChannelMap(
+        grown=world,
+        flow=flow,
+        xy_m=tuple(grid.sound.xy_m for grid in grids),
+        gridded=np.array([grid.sound.gridded for grid in grids]),
         barred=barrier >= 0,
-        barrier=np.where(barrier >= 0, _origins(filled, grown)[barrier], -1),
+        barrier=barrier,
         Psi=np.maximum.accumulate(np.array([y_min, *mean_heights, y_max])),
         phi=np.linspace(x_min, x_max, m_phi),
-        quality=_quality(grids, streamlines, repaired, max(residuals), grown.free_area_m2),
+        bays=bays,
+        lid_places=_lid_places(bays, [grid.sound.xy_m for grid in grids]),
+        lost=lost,
+        quality=measure(
+            cells, bays, sum(grid.repaired_cells for grid in grids), max(grid.max_residual_m for grid in grids), world
+        ),
+    )
+    return turned_back(channel_map, grown)
+
+
+def _without_channels(world: GrownWorld, cell_m: float, flow: Flow) -> ChannelMap:
+    """Each connected part of the free ground as a bay."""
+    x_min, y_min, x_max, y_max = world.bounds_m
+    free = shapely.box(*world.bounds_m).difference(shapely.union_all(list(world.polygons)))
+    no_lids = np.empty((0, 2, 2))
+    parts = [part for part in shapely.get_parts(free) if not part.buffer(-_THIN * cell_m).is_empty]
+    bays = tuple(mesh_bay(f"ground {k}", part, no_lids, cell_m) for k, part in enumerate(parts, start=1))
+    m_phi = 2
+    return ChannelMap(
+        grown=world,
+        flow=flow,
+        xy_m=(),
+        gridded=np.empty((0, m_phi - 1), dtype=bool),
+        barred=np.empty((0, m_phi), dtype=bool),
+        barrier=np.empty((0, m_phi), dtype=np.int64),
+        Psi=np.array([y_min, y_max]),
+        phi=np.array([x_min, x_max]),
+        bays=bays,
+        lid_places=tuple(np.empty((0, 3), dtype=np.int64) for _ in bays),
+        lost=(),
+        quality=measure(np.empty((0, 4, 2)), bays, 0, 0.0, world),
     )
 
 
-def _origins(filled: GrownWorld, grown: GrownWorld) -> NDArray[np.int64]:
-    """For each polygon with its pockets filled, the first polygon of the grown world in it; last, a -1 for none."""
-    tree = shapely.STRtree(list(grown.polygons))
-    inside = [tree.query(polygon, predicate="intersects") for polygon in filled.polygons]
-    return np.array([*(int(found.min()) if found.size else -1 for found in inside), -1], dtype=np.int64)
+def _rounded(intervals: int, multiple: int) -> int:
+    return -(-intervals // multiple) * multiple
 
 
-def _mapped_channel(bottom: Array, top: Array, cell_m: float, min_rows: int, name: str) -> Untangled:
+def _snapped(grown: GrownWorld) -> GrownWorld:
+    """Coordinates within rounding of a border lie on it exactly."""
+    x_min, y_min, x_max, y_max = grown.bounds_m
+    tolerance = _SNAP * max(x_max - x_min, y_max - y_min)
+
+    def snap(points: Array) -> Array:
+        points = points.copy()
+        for axis, value in ((0, x_min), (1, y_min), (0, x_max), (1, y_max)):
+            points[np.abs(points[:, axis] - value) < tolerance, axis] = value
+        return points
+
+    return replace(grown, polygons=tuple(shapely.transform(polygon, snap) for polygon in grown.polygons))
+
+
+def _barriers(world: GrownWorld, cell_m: float) -> tuple[tuple[Barrier, ...], tuple[Bay, ...], tuple[LostGround, ...]]:
+    """Barriers of the closed world, whose outlines have the nodes of the bays' lids as vertices."""
+    barriers: list[Barrier] = []
+    bays: list[Bay] = []
+    lost: list[LostGround] = []
+    for closure in close_world(world.rings_m(), world.bounds_m):
+        name = "+".join(dict.fromkeys(world.names[k] for k in closure.members))
+        inside, left_out = _meshed(closure, name, cell_m)
+        bays += inside
+        lost += left_out
+        points = np.concatenate([np.empty((0, 2)), *(bay.xy_m[bay.lid_nodes] for bay in inside)])
+        ring = with_vertices(closure.ring_m, points) if len(points) else closure.ring_m
+        barriers.append(Barrier(closure.members[0], name, ring, world.bounds_m))
+    return tuple(barriers), tuple(bays), tuple(lost)
+
+
+def _meshed(closure: Closure, name: str, cell_m: float) -> tuple[list[Bay], list[LostGround]]:
+    """The closure's bays, and the pockets too thin to mesh."""
+    bays, lost = [], []
+    for number, polygon in enumerate(closure.bays, start=1):
+        lids = [lid for lid in closure.lids if shapely.LineString(lid).intersection(polygon).length > 0]
+        thin = polygon.buffer(-_THIN * cell_m).is_empty
+        if thin and len(lids) < 2:
+            ring = shapely.get_coordinates(polygon.exterior)[:-1]
+            lost.append(LostGround(f"pocket {number} of '{name}'", ring, polygon.area))
+        else:
+            bays.append(mesh_bay(f"bay {number} of '{name}'", polygon, np.array(lids).reshape(-1, 2, 2), cell_m))
+    return bays, lost
+
+
+@dataclass(frozen=True)
+class _Channel:
+    sound: Sound
+    repaired_cells: int
+    max_residual_m: float
+
+
+def _solved(streamlines: Sequence[Streamline], cell_m: float, min_rows: int) -> list[_Channel]:
+    """Every channel's grid; channels do not depend on each other."""
+    sides = [(below.upper, above.lower) for below, above in itertools.pairwise(streamlines)]
+    names = [f"channel {d + 1}" for d in range(len(sides))]
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return list(pool.map(lambda side, name: _mapped_channel(*side, name, cell_m, min_rows), sides, names))
+
+
+def _mapped_channel(bottom: Array, top: Array, name: str, cell_m: float, min_rows: int) -> _Channel:
     """Solve and mend one channel between bottom (m_phi, 2) and top (m_phi, 2)."""
     start = interpolate(bottom, top, _rows(bottom, top, cell_m, min_rows))
     solved = solve_elliptic(start, _TOLERANCE * cell_m)
-    if solved.last_move_m > cell_m:
-        raise _FoldedChannelError(f"{name}: the grid equations do not converge (last move {solved.last_move_m:.2g} m)")
-    mended = untangle(solved.xy_m, _LEAST_SINE)
-    folded = int((corner_sines(mended.xy_m) <= 0).any(axis=-1).sum())
-    if folded:
-        raise _FoldedChannelError(f"{name}: {folded} of {mended.repaired.size} cells stay folded")
-    return mended
+    mended = untangle(solved.xy_m, LEAST_SINE)
+    sound = without_folds(mended.xy_m, name, cell_m)
+    return _Channel(sound, int(mended.repaired[sound.gridded].sum()), _residual_beside(mended))
 
 
 def _rows(bottom: Array, top: Array, cell_m: float, min_rows: int) -> int:
     """m_j: nodes across a channel, for cells of about `cell_m` where it has its median width."""
     width = float(np.median(np.hypot(*(top - bottom).T)))
-    return max(min_rows, int(np.ceil(width / cell_m)) + 1)
+    return _rounded(max(min_rows - 1, int(np.ceil(width / cell_m))), _BLOCK) + 1
 
 
-def _largest_residual(xy: Array, repaired: NDArray[np.bool_]) -> float:
+def _residual_beside(grid: Untangled) -> float:
     """Largest residual at interior nodes none of whose four cells was repaired."""
-    touched = repaired[1:, 1:] | repaired[1:, :-1] | repaired[:-1, 1:] | repaired[:-1, :-1]
-    values = residual(xy)[~touched]
+    repaired = grid.repaired
+    touched = np.ones(grid.xy_m.shape[:2], dtype=bool)
+    touched[1:-1, 1:-1] = repaired[1:, 1:] | repaired[1:, :-1] | repaired[:-1, 1:] | repaired[:-1, :-1]
+    values = residual(grid.xy_m)[~touched]
     return float(values.max()) if values.size else 0.0
 
 
-def _quality(
-    grids: list[Array], streamlines: list[Streamline], repaired: int, max_residual_m: float, free_area_m2: float
-) -> MapQuality:
-    sines = np.concatenate([corner_sines(xy).reshape(-1, 4) for xy in grids])
-    angles = np.degrees(np.concatenate([corner_angles(xy).ravel() for xy in grids]))
-    mapped = sum(
-        shapely.Polygon(np.concatenate([below.upper, above.lower[::-1]])).area
-        for below, above in itertools.pairwise(streamlines)
+def _lid_places(bays: tuple[Bay, ...], grids: Sequence[Array]) -> tuple[NDArray[np.int64], ...]:
+    """For each bay the places (L, 3) of the channel nodes that are its lid nodes: the same floating-point numbers."""
+    wanted = {(x, y) for bay in bays for x, y in bay.xy_m[bay.lid_nodes].tolist()}
+    at: dict[tuple[float, float], tuple[int, int, int]] = {}
+    for d, xy in enumerate(grids):
+        for i, column in enumerate(xy.tolist()):
+            for j, (x, y) in enumerate(column):
+                if (x, y) in wanted:
+                    at[x, y] = (d, i, j)
+    return tuple(
+        np.array([at[x, y] for x, y in bay.xy_m[bay.lid_nodes].tolist()], dtype=np.int64).reshape(-1, 3) for bay in bays
     )
-    return MapQuality(
-        cells=len(sines),
-        folded_cells=int((sines <= 0).any(axis=1).sum()),
-        repaired_cells=repaired,
-        min_jacobian_ratio=float(sines.min()),
-        min_angle_deg=float(angles.min()),
-        mean_angle_error_deg=float(np.abs(angles - 90.0).mean()),
-        max_residual_m=max_residual_m,
-        coverage=float(mapped / free_area_m2) if free_area_m2 > 0 else 0.0,
-    )
-
-
-def corner_angles(xy: Array) -> Array:
-    """Angles in radians at the four corners of each cell, (m_phi - 1, m_j - 1, 4)."""
-    corners = np.stack([xy[:-1, :-1], xy[1:, :-1], xy[1:, 1:], xy[:-1, 1:]], axis=2)
-    onward, back = np.roll(corners, -1, axis=2) - corners, np.roll(corners, 1, axis=2) - corners
-    cross = onward[..., 0] * back[..., 1] - onward[..., 1] * back[..., 0]
-    return np.asarray(np.arctan2(cross, (onward * back).sum(axis=-1)))

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from sandwich_sitl.channels.barrier import Barrier
 from sandwich_sitl.channels.classify import Classification
 from sandwich_sitl.channels.thinning import thinned
-from sandwich_sitl.channels.tips import Tip
-from sandwich_sitl.channels.walls import wall_on_border, walls_between_channels
 
 Array = NDArray[np.float64]
 
 _KEPT_SHARE = 0.35  # of the equal-spacing gap, kept free on each side of a streamline
-_STIFFNESS = 0.4  # how many channel widths a bend spreads over
+_STIFFNESS = 0.15  # of the world's height: the length a bend spreads over
+_OPENING = 0.5  # how fast, per metre along x, the kept gap may grow behind a narrow place
 _GIVEN_SHARE = 0.25  # of the room to its neighbours a streamline may give when vertices are dropped: two give half
 _COARSEST = 0.05  # of a column: what dropping vertices may move where there is room
 
@@ -50,14 +49,19 @@ def lay_dividers(
     low, high = _extents(groups, bounds, x)
     y = _smooth(x, low, high, groups.groups, bounds)
     give = np.minimum(_GIVEN_SHARE * _room(low, high, y), _COARSEST * column_m)
-    inner = [_pieces(x, y[d], give[d], chain, bounds) for d, chain in enumerate(groups.groups)]
+    inner = [_pieces(x, y[d], give[d], chain) for d, chain in enumerate(groups.groups)]
     return (_border(groups.bottom, bounds, top=False), *inner, _border(groups.top, bounds, top=True))
 
 
 def _columns(groups: Classification, bounds: tuple[float, float, float, float], column_m: float) -> Array:
     x_min, _, x_max, _ = bounds
     uniform = np.linspace(x_min, x_max, max(8, int(np.ceil((x_max - x_min) / column_m))) + 1)
-    hulls = [b.hull.x for chain in (groups.bottom, groups.top, *groups.groups) for b in chain]
+    hulls = [
+        points[:, 0]
+        for chain in (groups.bottom, groups.top, *groups.groups)
+        for b in chain
+        for points in b.fixed_points()
+    ]
     # Uniform columns make way for the vertices close to them: slivers would only hurt the QP's conditioning.
     vertices = np.unique(np.concatenate([*hulls, [x_min, x_max]]))
     nearest = np.abs(uniform[:, None] - vertices[None, :]).min(axis=1)
@@ -72,8 +76,8 @@ def _extents(groups: Classification, bounds: tuple[float, float, float, float], 
     low[-1], high[-1] = bounds[3], bounds[3]
     for level, chain in enumerate(chains):
         for barrier in chain:
-            inside = (x >= barrier.hull.x_min) & (x <= barrier.hull.x_max)
-            a, b = barrier.hull.extent(x[inside])
+            inside = (x >= barrier.x_min) & (x <= barrier.x_max)
+            a, b = barrier.extent(x[inside])
             low[level, inside] = np.fmin(low[level, inside], a)
             high[level, inside] = np.fmax(high[level, inside], b)
     return low, high
@@ -89,6 +93,7 @@ def _smooth(
     """y (p - 1, n) of the dividing streamlines; on barrier columns the value is that of the tip or without meaning."""
     levels = len(low)
     even, gap = _even_spacing(low, high)
+    gap = _opening_slowly(x, gap)
     y = even.copy()
     if levels > 2:
         y[1:-1] = _solve_spacing(x, low, high, even, gap, chains, bounds)
@@ -128,6 +133,16 @@ def _even_spacing(low: Array, high: Array) -> tuple[Array, Array]:
     return y, gap
 
 
+def _opening_slowly(x: Array, gap: Array) -> Array:
+    """The largest gaps (p, n) not above the given ones that change along x by at most `_OPENING`."""
+    slow, step = gap.copy(), _OPENING * np.diff(x)
+    for k in range(1, len(x)):
+        slow[:, k] = np.minimum(slow[:, k], slow[:, k - 1] + step[k - 1])
+    for k in range(len(x) - 2, -1, -1):
+        slow[:, k] = np.minimum(slow[:, k], slow[:, k + 1] + step[k])
+    return slow
+
+
 def _solve_spacing(
     x: Array,
     low: Array,
@@ -144,9 +159,11 @@ def _solve_spacing(
     free = np.isnan(low[1:-1])
     fixed_y = even[1:-1].copy()
     for d, chain in enumerate(chains):
-        for tip in (tip for barrier in chain for tip in (barrier.left_tip, barrier.right_tip) if tip is not None):
-            fixed_y[d, np.searchsorted(x, tip.x_end_m)] = tip.point_m[1]
-    width = _STIFFNESS * (bounds[3] - bounds[1]) / (levels - 1)
+        for barrier in chain:
+            for tip, x_end in ((barrier.left_tip, barrier.x_min), (barrier.right_tip, barrier.x_max)):
+                if tip is not None:
+                    fixed_y[d, np.searchsorted(x, x_end)] = tip[1]
+    width = _STIFFNESS * (bounds[3] - bounds[1])
     bending = sp.block_diag([_bending(x, free[d]) for d in range(inner)], format="csc")
     weight = np.gradient(x)
     slope = sp.block_diag([_slope(x, free[d]) for d in range(inner)], format="csc")
@@ -220,40 +237,38 @@ def _normal_matrix(difference: sp.csr_array, rows: NDArray[np.bool_]) -> sp.csc_
     return sp.csc_array(chosen.T @ chosen)
 
 
-def _pieces(
-    x: Array, y: Array, give: Array, chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float]
-) -> tuple[Piece, ...]:
+def _pieces(x: Array, y: Array, give: Array, chain: tuple[Barrier, ...]) -> tuple[Piece, ...]:
     pieces: list[Piece] = []
-    left: Tip | None = None
+    left: Array | None = None
     open_end = True
     for barrier in chain:
-        if open_end and (barrier.left_tip is not None or left is not None):
-            path = _free_path(x, y, give, left, barrier.left_tip)
+        arriving, leaving = _way(barrier.left_tip, barrier.x_min), _way(barrier.right_tip, barrier.x_max)
+        if open_end and (arriving is not None or left is not None):
+            path = _free_path(x, y, give, left, None if arriving is None else arriving[::-1])
             pieces.append(Piece(None, path, path))
-        walls = walls_between_channels(barrier, bounds)
-        pieces.append(Piece(barrier, walls.lower, walls.upper))
-        left, open_end = barrier.right_tip, barrier.right_tip is not None
+        pieces.append(Piece(barrier, barrier.lower_wall(), barrier.upper_wall()))
+        left, open_end = leaving, leaving is not None
     if open_end:
         path = _free_path(x, y, give, left, None)
         pieces.append(Piece(None, path, path))
     return tuple(pieces)
 
 
-def _free_path(x: Array, y: Array, give: Array, left: Tip | None, right: Tip | None) -> Array:
-    """The curve between two tips, as few vertices as it may have; None stands for the border."""
-    start = 0 if left is None else int(np.searchsorted(x, left.x_end_m, side="right"))
-    end = len(x) if right is None else int(np.searchsorted(x, right.x_end_m, side="left"))
-    path = np.column_stack([x[start:end], y[start:end]])
-    before = np.empty((0, 2)) if left is None else _way_out(left)
-    after = np.empty((0, 2)) if right is None else _way_out(right)[::-1]
+def _way(tip: Array | None, x_end: float) -> Array | None:
+    """From a tip level to the x where its barrier ends (1 or 2, 2)."""
+    if tip is None:
+        return None
+    return tip[None] if tip[0] == x_end else np.array([tip, [x_end, tip[1]]])
+
+
+def _free_path(x: Array, y: Array, give: Array, left: Array | None, right: Array | None) -> Array:
+    """The curve between two ways out (k, 2), as few vertices as it may have; None stands for the border."""
+    start = 0 if left is None else int(np.searchsorted(x, left[-1, 0], side="right"))
+    end = len(x) if right is None else int(np.searchsorted(x, right[0, 0], side="left"))
+    before, after = (np.empty((0, 2)) if way is None else way for way in (left, right))
+    path = np.concatenate([before, np.column_stack([x[start:end], y[start:end]]), after])
     stiff = [np.zeros(len(before)), give[start:end], np.zeros(len(after))]
-    return thinned(np.concatenate([before, path, after]), np.concatenate(stiff))
-
-
-def _way_out(tip: Tip) -> Array:
-    """From the tip horizontally to the x where the hull ends."""
-    end = np.array([tip.x_end_m, tip.point_m[1]])
-    return tip.point_m[None] if np.array_equal(end, tip.point_m) else np.stack([tip.point_m, end])
+    return thinned(path, np.concatenate(stiff))
 
 
 def _border(chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float], *, top: bool) -> tuple[Piece, ...]:
@@ -261,7 +276,7 @@ def _border(chain: tuple[Barrier, ...], bounds: tuple[float, float, float, float
     pieces: list[Piece] = []
     at = np.array([bounds[0], border_y])
     for barrier in chain:
-        wall = wall_on_border(barrier, bounds, top=top)
+        wall = barrier.border_wall()
         if wall[0, 0] > at[0]:
             pieces.append(Piece(None, np.stack([at, wall[0]]), np.stack([at, wall[0]])))
         pieces.append(Piece(barrier, wall, wall))

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sandwich_sitl.channels.bays import Bay
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import MapError
 from sandwich_sitl.planning.flight_plan import Corridor
@@ -29,12 +30,15 @@ _HAIR_M = 1e-6  # a separating half-plane keeps this much off the obstacle, so t
 def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
     """Corners (4, 2), counter-clockwise; beyond a free dividing streamline they belong to the next channel.
 
-    Where a neighbour does not exist (wall, border of the world) the node's own row or column takes its place.
+    Where a neighbour does not exist (wall, border of the world) the node's own row or column takes its place. In a bay it is
+    the box round the node's quads.
     """
     d, i, j = place
+    if d >= channel_map.channels:
+        return _box_round(channel_map.bays[d - channel_map.channels], i)
     xy = channel_map.xy_m[d]
     west, east = max(i - 1, 0), min(i + 1, xy.shape[0] - 1)
-    return np.array(
+    corners = np.array(
         [
             _row_below(channel_map, d, west, j, i),
             _row_below(channel_map, d, east, j, i),
@@ -42,6 +46,14 @@ def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]
             _row_above(channel_map, d, west, j, i),
         ]
     )
+    return np.where(np.isnan(corners), xy[i, j], corners)
+
+
+def _box_round(bay: Bay, node: int) -> Array:
+    """The box (4, 2) round the quads of a bay's node."""
+    quads = bay.corners_m()[(bay.quads == node).any(axis=1)].reshape(-1, 2)
+    (x0, y0), (x1, y1) = quads.min(axis=0), quads.max(axis=0)
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 def _row_below(channel_map: ChannelMap, d: int, i: int, j: int, node_i: int) -> Array:

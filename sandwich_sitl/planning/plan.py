@@ -11,7 +11,9 @@ import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.build import build_channel_map
-from sandwich_sitl.channels.channel_map import ChannelMap
+from sandwich_sitl.channels.channel_map import ChannelMap, Flow
+from sandwich_sitl.channels.check import check_map
+from sandwich_sitl.channels.flow import flow_along
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_points
@@ -19,7 +21,7 @@ from sandwich_sitl.planning.corridor import mended_corridor, neighbouring_quadra
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
 from sandwich_sitl.planning.free_space import FreeSpace
 from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
-from sandwich_sitl.planning.search import astar
+from sandwich_sitl.planning.search import Graph, astar
 from sandwich_sitl.planning.smoothing import smooth_route
 from sandwich_sitl.planning.time_law import climb, rest_to_rest
 from sandwich_sitl.world.grow import GrownWorld, grow
@@ -30,6 +32,7 @@ Array = NDArray[np.float64]
 _DETAIL = 0.15  # of a cell and of the margin: outline details below this are smoothed outwards
 _MOST_NODES = 2_000_000
 _KEPT_MARGIN = 0.6  # of the margin: what smoothing leaves between the reference and the radius-grown obstacles
+_HAIR_M = 1e-6
 _CLIMB_MPS = 1.5
 _HALF_WIDTH_CELLS = 3.0  # how far a region may reach from its stretch of reference
 
@@ -55,11 +58,11 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     grown = grow(world, planner.vehicle_radius_m + planner.margin_m, detail)
     check_ends(config, grown)
     on_stage("channel map")
-    channel_map = build_channel_map(grown, planner.cell_m, planner.min_rows, (config.start_m, config.goal_m))
+    channel_map = _checked_map(config, grown)
     on_stage("route")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
     map_graph = build_map_graph(channel_map)
-    route = find_route(channel_map, map_graph, start, goal, grown.names)
+    route = find_route(channel_map, map_graph, start, goal)
     on_stage("baselines")
     free = FreeSpace(grown.rings_m(), grown.bounds_m)
     regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
@@ -96,9 +99,20 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     )
 
 
-def find_route(
-    channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array, names: tuple[str, ...]
-) -> Route:
+def _checked_map(config: RunConfig, grown: GrownWorld) -> ChannelMap:
+    """The map along the configured flow; on `auto` along the longer leg, or across it where no channel passes that way."""
+    planner = config.planner
+    along = flow_along(config.start_m, config.goal_m)
+    flows: tuple[Flow, ...] = (along, "y" if along == "x" else "x") if planner.flow == "auto" else (planner.flow,)
+    for flow in flows:
+        channel_map = build_channel_map(grown, planner.cell_m, planner.min_rows, flow)
+        if channel_map.channels:
+            break
+    check_map(channel_map)
+    return channel_map
+
+
+def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array) -> Route:
     """A* from start to goal (2,), anywhere in mapped ground.
 
     Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are
@@ -108,14 +122,13 @@ def find_route(
     for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
         if not found:
             raise InputError(
-                f"{key}: ({point[0]:g}, {point[1]:g}) lies in a pocket that no channel reaches; "
-                "move it out of the pocket"
+                f"{key}: ({point[0]:g}, {point[1]:g}) lies in {_lost_ground(channel_map, point)}; move it out"
             )
     graph = map_graph.graph
     path = astar(graph, start_links, goal, goal_links)
     if path is None:
         reached = graph.reachable([node for node, _ in start_links])
-        barrier = _barrier_between(channel_map, map_graph, reached, names)
+        barrier = _barrier_between(graph, reached, channel_map.grown)
         raise NoRouteError(
             f"no route from start_m to goal_m: {barrier} is in the way; "
             "move start_m or goal_m, or reduce planner.margin_m"
@@ -150,22 +163,29 @@ def check_ends(config: RunConfig, grown: GrownWorld) -> None:
             )
 
 
-def _barrier_between(
-    channel_map: ChannelMap, map_graph: MapGraph, reached: NDArray[np.bool_], names: tuple[str, ...]
-) -> str:
-    """Name of the obstacle with reached ground on one side and unreached ground on the other."""
-    for d in range(channel_map.channels - 1):
-        below, above = map_graph.node[d][:, -1], map_graph.node[d + 1][:, 0]
-        split = channel_map.barred[d] & (reached[below] != reached[above])
-        if split.any():
-            index = int(channel_map.barrier[d, int(np.flatnonzero(split)[0])])
-            return f"obstacle '{names[index]}'" if index >= 0 else "a closed pocket"
-    return "the border of the world"
+def _lost_ground(channel_map: ChannelMap, point: Array) -> str:
+    """Name of the ground left out of the map that holds a point."""
+    for lost in channel_map.lost:
+        if shapely.Polygon(lost.ring_m).buffer(_HAIR_M).contains(shapely.Point(point)):
+            return f"{lost.name}, a sliver that the map leaves out"
+    return "a sliver that the map leaves out"
+
+
+def _barrier_between(graph: Graph, reached: NDArray[np.bool_], grown: GrownWorld) -> str:
+    """Name of the obstacle nearest to both reached and unreached ground."""
+    there = ~np.isnan(graph.xy_m[:, 0])
+    sides = [shapely.MultiPoint(graph.xy_m[there & part]) for part in (reached, ~reached)]
+    if not grown.polygons:
+        return "the border of the world"
+    apart = [max(polygon.distance(side) for side in sides) for polygon in grown.polygons]
+    return f"obstacle '{grown.names[int(np.argmin(apart))]}'"
 
 
 def _planning_space(channel_map: ChannelMap, places: NDArray[np.int64]) -> Array:
+    """(phi, psi) of places (n, 3); nan in bays, which lie beside the planning space's rectangles."""
     rows = [channel_map.psi_rows(d) for d in range(channel_map.channels)]
-    return np.array([(channel_map.phi[i], rows[d][j]) for d, i, j in places], dtype=float).reshape(-1, 2)
+    inside = [(channel_map.phi[i], rows[d][j]) if d < len(rows) else (np.nan, np.nan) for d, i, j in places]
+    return np.array(inside, dtype=float).reshape(-1, 2)
 
 
 def _timed_reference(
@@ -181,7 +201,7 @@ def _timed_reference(
     xy = np.concatenate([np.tile(timed.xy_m[0], (len(up), 1)), timed.at(along)])
     z = np.concatenate([up, np.full(len(along), config.altitude_m)])
     places = _places(channel_map, route)
-    centres = np.array([channel_map.xy_m[d][i, j] for d, i, j in places])
+    centres = np.array([_node_m(channel_map, place) for place in places])
     region = _in_turn(xy, centres)
     used, region = np.unique(region, return_inverse=True)
     stretches = [
@@ -218,10 +238,21 @@ def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]
     """Grid places (d, i, j) of the route's points; start and goal take the nearest corner of their cell."""
     ends = []
     for point in (route.points_m[0], route.points_m[-1]):
-        d, i, j = locate(channel_map, point)[0]
-        corners = [(d, i + a, j + b) for a in (0, 1) for b in (0, 1)]
-        ends.append(min(corners, key=lambda c: float(np.hypot(*(channel_map.xy_m[c[0]][c[1], c[2]] - point)))))
+        b, i, j = locate(channel_map, point)[0]
+        if b < channel_map.channels:
+            corners = [(b, i + k, j + m) for k in (0, 1) for m in (0, 1)]
+        else:
+            corners = [(b, int(node), 0) for node in channel_map.bays[b - channel_map.channels].quads[i]]
+        ends.append(min(corners, key=lambda c: float(np.hypot(*(_node_m(channel_map, c) - point)))))
     return [ends[0], *((int(d), int(i), int(j)) for d, i, j in route.places), ends[1]]
+
+
+def _node_m(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
+    """Position (2,) of the node at a place of the map's graph."""
+    b, i, j = place
+    if b < channel_map.channels:
+        return np.asarray(channel_map.xy_m[b][i, j])
+    return np.asarray(channel_map.bays[b - channel_map.channels].xy_m[i])
 
 
 def _in_turn(points: Array, centres: Array) -> NDArray[np.int64]:

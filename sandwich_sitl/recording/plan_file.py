@@ -16,22 +16,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.channels.channel_map import ChannelMap, MapQuality
+from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
 
-FORMAT = "sandwich-plan-1"
+FORMAT = "sandwich-plan-2"
 _DATE = (1980, 1, 1, 0, 0, 0)
-_MAP_ARRAYS = ("barred", "barrier", "Psi", "phi")
 _PLAN_ARRAYS = ("obstacle_heights_m", "sandwich_m", "sandwich_phi_psi", "grid_astar_m", "exact_m")
 
 
 def plan_bytes(plan: FlightPlan) -> bytes:
     """The plan as a deterministic `.npz` archive."""
-    arrays: dict[str, NDArray[Any]] = {"header": np.frombuffer(json.dumps(_header(plan)).encode(), dtype=np.uint8)}
+    map_arrays, map_header = map_to_arrays(plan.channel_map)
+    header = json.dumps(_header(plan) | {"map": map_header})
+    arrays: dict[str, NDArray[Any]] = {"header": np.frombuffer(header.encode(), dtype=np.uint8)}
     arrays |= {name: getattr(plan, name) for name in _PLAN_ARRAYS}
-    arrays |= {f"map_{name}": getattr(plan.channel_map, name) for name in _MAP_ARRAYS}
-    arrays |= {f"map_xy_m_{d}": xy for d, xy in enumerate(plan.channel_map.xy_m)}
+    arrays |= {f"map_{name}": array for name, array in map_arrays.items()}
     arrays |= {f"reference_{f.name}": getattr(plan.reference, f.name) for f in dataclasses.fields(Reference)}
     arrays |= {f"corridor_{name}": getattr(plan.corridor, name) for name in ("Lambda", "Gamma", "neighbours_m")}
     for name, rings in _ring_groups(plan).items():
@@ -82,8 +82,6 @@ def _header(plan: FlightPlan) -> dict[str, Any]:
         "altitude_m": plan.altitude_m,
         "vehicle_radius_m": plan.vehicle_radius_m,
         "obstacle_names": plan.obstacle_names,
-        "map_bounds_m": plan.channel_map.bounds_m,
-        "quality": dataclasses.asdict(plan.channel_map.quality),
     }
 
 
@@ -95,13 +93,7 @@ def _plan(arrays: dict[str, NDArray[Any]]) -> FlightPlan:
     header = json.loads(arrays["header"].tobytes())
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(f"its format is not {FORMAT}")
-    channels = sum(name.startswith("map_xy_m_") for name in arrays)
-    channel_map = ChannelMap(
-        bounds_m=_four(header["map_bounds_m"]),
-        xy_m=tuple(arrays[f"map_xy_m_{d}"] for d in range(channels)),
-        quality=MapQuality(**header["quality"]),
-        **{name: arrays[f"map_{name}"] for name in _MAP_ARRAYS},
-    )
+    map_arrays = {name.removeprefix("map_"): array for name, array in arrays.items() if name.startswith("map_")}
     return FlightPlan(
         name=header["name"],
         bounds_m=_four(header["bounds_m"]),
@@ -112,7 +104,7 @@ def _plan(arrays: dict[str, NDArray[Any]]) -> FlightPlan:
         obstacle_names=tuple(header["obstacle_names"]),
         obstacles_m=_split(arrays, "obstacles"),
         grown_m=_split(arrays, "grown"),
-        channel_map=channel_map,
+        channel_map=map_from_arrays(map_arrays, header["map"]),
         reference=Reference(**{f.name: arrays[f"reference_{f.name}"] for f in dataclasses.fields(Reference)}),
         corridor=Corridor(
             Lambda=arrays["corridor_Lambda"],

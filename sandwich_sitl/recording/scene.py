@@ -52,7 +52,7 @@ def map_update(plan: FlightPlan, t_ns: int) -> bytes:
     update = SceneUpdate()
     groups = (
         ("dividing_streamlines", dividing_streamlines(plan.channel_map), _STREAMLINE, False),
-        ("grid", grid_lines(plan.channel_map, GRID_LINES), _GRID, False),
+        ("grid", grid_lines(plan.channel_map, GRID_LINES) + bay_lines(plan.channel_map), _GRID, False),
         ("regions", plan.corridor.polygons_m, _REGION, True),
     )
     for name, lines, colour, closed in groups:
@@ -84,7 +84,7 @@ def prism(ring: Array, height_m: float) -> tuple[Array, NDArray[np.int64]]:
 
 def dividing_streamlines(channel_map: ChannelMap) -> list[Array]:
     """Bottom and top row of each channel (m_phi, 2): both sides of every dividing streamline, and the two borders."""
-    return [xy[:, j] for xy in channel_map.xy_m for j in (0, -1)]
+    return unbroken([xy[:, j] for xy in channel_map.xy_m for j in (0, -1)])
 
 
 def grid_lines(channel_map: ChannelMap, most: int) -> list[Array]:
@@ -92,7 +92,26 @@ def grid_lines(channel_map: ChannelMap, most: int) -> list[Array]:
     rows = [xy[:, j] for xy in channel_map.xy_m for j in range(1, xy.shape[1] - 1)]
     step = max(1, -(-len(channel_map.phi) // most))
     columns = [xy[i] for xy in channel_map.xy_m for i in range(0, len(channel_map.phi), step)]
-    return rows[:: max(1, -(-len(rows) // most))] + columns
+    return unbroken(rows[:: max(1, -(-len(rows) // most))] + columns)
+
+
+def bay_lines(channel_map: ChannelMap) -> list[Array]:
+    """Sides (2, 2) of the quads of every bay."""
+    lines: list[Array] = []
+    for bay in channel_map.bays:
+        sides = np.sort(np.stack([bay.quads, np.roll(bay.quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        lines += list(bay.xy_m[np.unique(sides, axis=0)])
+    return lines
+
+
+def unbroken(lines: list[Array]) -> list[Array]:
+    """Lines (n, 2) cut where a node is missing (nan)."""
+    whole: list[Array] = []
+    for line in lines:
+        there = ~np.isnan(line[:, 0])
+        parts = np.split(line, np.flatnonzero(np.diff(there)) + 1)
+        whole += [part for part in parts if len(part) > 1 and not np.isnan(part[0, 0])]
+    return whole
 
 
 def _triangulate(ring: Array) -> NDArray[np.int64]:

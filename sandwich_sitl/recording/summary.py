@@ -8,6 +8,7 @@ that time and `min_clearance_m` the distance of that continuous path to the obst
 |truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
 """
 
+import dataclasses
 import itertools
 import json
 from collections import defaultdict
@@ -17,6 +18,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sandwich_sitl.channels.check import examine
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.reader import RunLog
@@ -99,7 +101,18 @@ def tracking_error(log: RunLog) -> tuple[Array, Array]:
 
 
 def _map_section(plan: FlightPlan | None) -> Section:
-    keys = ("channels", "nodes", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage", "seconds")
+    keys = (
+        "channels",
+        "nodes",
+        "bays",
+        "flow",
+        "folded_cells",
+        "repaired_cells",
+        "min_jacobian_ratio",
+        "coverage",
+        "check",
+        "seconds",
+    )
     if plan is None:
         return dict.fromkeys(keys)
     quality = plan.channel_map.quality
@@ -107,10 +120,13 @@ def _map_section(plan: FlightPlan | None) -> Section:
     values = (
         plan.channel_map.channels,
         plan.channel_map.nodes,
+        len(plan.channel_map.bays),
+        plan.channel_map.flow,
         quality.folded_cells,
         quality.repaired_cells,
         quality.min_jacobian_ratio,
         quality.coverage,
+        dataclasses.asdict(examine(plan.channel_map)),
         seconds,
     )
     return dict(zip(keys, values, strict=True))

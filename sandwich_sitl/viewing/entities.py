@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.recording.scene import dividing_streamlines, grid_lines, obstacle_heights, prism
+from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines, grid_lines, obstacle_heights, prism, unbroken
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
@@ -122,6 +122,7 @@ def log_plan(log: EntityLog, plan: FlightPlan) -> None:
     _lines(log, "obstacles", plan.obstacles_m, GREY, 2.0, z_m=None, closed=True)
     _lines(log, "grown", plan.grown_m, ORANGE, 0.7, z_m=0.05, closed=True)
     _lines(log, "map/grid", grid_lines(plan.channel_map, GRID_LINES), RED, 0.3, z_m=0.02)
+    _lines(log, "map/bays", bay_lines(plan.channel_map), RED, 0.3, z_m=0.02)
     _lines(log, "map/dividing_streamlines", dividing_streamlines(plan.channel_map), DARK, 1.2, z_m=0.04)
     for name, xy, colour in (
         ("grid_astar", plan.grid_astar_m, ORANGE),
@@ -149,14 +150,14 @@ def _log_planning_space(log: EntityLog, plan: FlightPlan) -> None:
     channel_map = plan.channel_map
     phi, Psi = channel_map.phi, channel_map.Psi
     step = max(1, -(-len(phi) // GRID_LINES))
-    rows = np.concatenate([channel_map.psi_rows(d) for d in range(channel_map.channels)])
+    rows = np.concatenate([np.empty(0), *(channel_map.psi_rows(d) for d in range(channel_map.channels))])
     grid = [np.array([[phi[0], psi], [phi[-1], psi]]) for psi in rows]
     grid += [np.array([[x, Psi[0]], [x, Psi[-1]]]) for x in phi[::step]]
     divides = [np.array([[phi[0], psi], [phi[-1], psi]]) for psi in Psi]
     for name, strips, colour, width in (
         ("grid", grid, RED, 0.3),
         ("dividing_streamlines", divides, DARK, 1.2),
-        ("route", [plan.sandwich_phi_psi], BLUE, 1.5),
+        ("route", unbroken([plan.sandwich_phi_psi]), BLUE, 1.5),
     ):
         radii = [rr.Radius.ui_points(width)]
         log.static(f"/planning/{name}", rr.LineStrips2D([s * DOWN for s in strips], colors=[colour], radii=radii))

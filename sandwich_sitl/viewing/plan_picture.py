@@ -18,7 +18,7 @@ from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.recording.scene import dividing_streamlines
+from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines
 from sandwich_sitl.recording.summary import route_lengths
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ _GROWN = "#c4c7cd"
 _STREAMLINE = "#1a1a1a"
 _PHI_LINE = "#d62f2f"
 _BARRED = "#f4c400"
+_BAY = "#3a7d44"
 _SANDWICH = "#0b6fd6"
 _GRID_ASTAR = "#e07b00"
 _EXACT = "#1d9a52"
@@ -86,6 +87,9 @@ def _draw_grid(axes: Axes, channel_map: ChannelMap) -> None:
         LineCollection(rows, colors=_STREAMLINE, linewidths=0.35, zorder=2, label="ψ const (streamlines)")
     )
     axes.add_collection(
+        LineCollection(bay_lines(channel_map), colors=_BAY, linewidths=0.25, alpha=0.8, zorder=2, label="bays")
+    )
+    axes.add_collection(
         LineCollection(divides, colors=_STREAMLINE, linewidths=1.3, zorder=3, label="dividing streamlines")
     )
 
@@ -110,7 +114,7 @@ def _draw_planning_space(axes: Axes, plan: FlightPlan) -> None:
     channel_map = plan.channel_map
     phi, Psi = channel_map.phi, channel_map.Psi
     step = max(1, -(-len(phi) // PHI_LINES))
-    rows = np.concatenate([channel_map.psi_rows(d) for d in range(channel_map.channels)])
+    rows = np.concatenate([np.empty(0), *(channel_map.psi_rows(d) for d in range(channel_map.channels))])
     ends = np.array([phi[0], phi[-1]])
     axes.add_collection(LineCollection(_across(ends, rows), colors=_STREAMLINE, linewidths=0.35, zorder=1))
     axes.add_collection(
@@ -134,8 +138,7 @@ def _draw_planning_space(axes: Axes, plan: FlightPlan) -> None:
             rotation=90, va="center", fontsize=7,
         )  # fmt: skip
     axes.set(xlim=(phi[0], phi[-1]), ylim=(Psi[0], Psi[-1]), xlabel="φ", ylabel="ψ")
-    x_min, y_min, x_max, y_max = plan.bounds_m
-    axes.set_box_aspect((y_max - y_min) / (x_max - x_min))
+    axes.set_box_aspect(float((Psi[-1] - Psi[0]) / (phi[-1] - phi[0])))
     axes.set_title("Planning space", fontsize=10)
 
 

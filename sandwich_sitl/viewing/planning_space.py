@@ -26,8 +26,8 @@ class PlanningSpace:
             np.stack(np.meshgrid(channel_map.phi, channel_map.psi_rows(d), indexing="ij"), axis=-1)
             for d in range(channel_map.channels)
         ]
-        corners_xy = np.concatenate([_triangles(grid) for grid in channel_map.xy_m])
-        corners_pq = np.concatenate([_triangles(grid) for grid in planning])
+        corners_xy = np.concatenate([np.empty((0, 3, 2)), *(_triangles(grid) for grid in channel_map.xy_m)])
+        corners_pq = np.concatenate([np.empty((0, 3, 2)), *(_triangles(grid) for grid in planning)])
         edges = np.stack([corners_xy[:, 1] - corners_xy[:, 0], corners_xy[:, 2] - corners_xy[:, 0]], axis=-1)
         kept = np.abs(np.linalg.det(edges)) > FLAT_M2
         self._origins, self._edges, self._corners_pq = corners_xy[kept, 0], edges[kept], corners_pq[kept]
@@ -35,7 +35,9 @@ class PlanningSpace:
         self._tree = shapely.STRtree(self._cells)
 
     def locate(self, xy_m: Array) -> Array:
-        """(phi, psi) (K, 2) of points (K, 2) in ENU metres."""
+        """(phi, psi) (K, 2) of points (K, 2) in ENU metres; in a bay those of the nearest cell, nan without channels."""
+        if not len(self._origins):
+            return np.full((len(xy_m), 2), np.nan)
         points = shapely.points(xy_m)
         cell = self._tree.nearest(points)
         on_cell_m = shapely.get_coordinates(shapely.shortest_line(self._cells[cell], points))[::2]

@@ -1,0 +1,154 @@
+"""Lids across the flow: narrow ground between walls that face each other along x becomes a bay.
+
+A channel that dips into a slot deeper than it is wide would have its columns bunched at the mouth and its cells drawn
+out to the bottom. Two kinds of slot get horizontal lids: a *notch* in one outline (or between the walls of one), and
+a *street* between two outlines side by side. Behind the lids the ground is meshed as a bay, with cells of even size,
+and routes pass through it.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from sandwich_sitl.channels.outline import Bounds, Outline
+
+Array = NDArray[np.float64]
+
+_MOST_LEVELS = 16  # vertices, and even steps, of a street tried as its ends
+_DEEP = 0.8  # depth over width from which a slot with one mouth is closed; twice that for one with two
+
+
+@dataclass(frozen=True)
+class Lids:
+    """Horizontal segments (L, 2, 2) across a slot between outlines number `a` and `b` (equal for a notch)."""
+
+    a: int
+    b: int
+    segments: Array
+
+
+def find_lids(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
+    """Lids of every slot of disjoint vertically convex outlines that is deep for its width."""
+    found = []
+    for k, outline in enumerate(outlines):
+        notches = [
+            *_notches(outline.upper),
+            *(segment * [1.0, -1.0] for segment in _notches(outline.lower * [1.0, -1.0])),
+        ]
+        if notches:
+            found.append(Lids(k, k, np.array(notches)))
+    return [*found, *_streets(outlines, bounds), *_border_streets(outlines, bounds)]
+
+
+def _notches(path: Array) -> list[Array]:
+    """Lids (2, 2) over the notches of an upper wall (V, 2)."""
+    lids: list[Array] = []
+    y = path[:, 1]
+    covered = -np.inf
+    for bottom in range(1, len(path) - 1):
+        if not (y[bottom - 1] > y[bottom] <= y[bottom + 1]) or path[bottom, 0] <= covered:
+            continue
+        left_peaks, right_peaks = np.maximum.accumulate(y[bottom::-1]), np.maximum.accumulate(y[bottom:])
+        highest = min(left_peaks[-1], right_peaks[-1])
+        levels = np.unique(np.concatenate([left_peaks, right_peaks]))
+        for level in levels[(levels > y[bottom]) & (levels <= highest)][::-1]:
+            left, right = _crossing(path[bottom::-1], left_peaks, level), _crossing(path[bottom:], right_peaks, level)
+            if level - y[bottom] >= _DEEP * (right[0] - left[0]):
+                lids.append(np.array([left, right]))
+                covered = right[0]
+                break
+    return lids
+
+
+def _crossing(path: Array, peaks: Array, level: float) -> Array:
+    """Where a path that starts below `level` first reaches it; `peaks` are its highest y so far."""
+    k = int(np.searchsorted(peaks, level))
+    (x0, y0), (x1, y1) = path[k - 1], path[k]
+    return np.array([x0 + (level - y0) / (y1 - y0) * (x1 - x0), level])
+
+
+def _streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
+    """Streets between two outlines side by side."""
+    if len(outlines) < 2:
+        return []
+    polygons = [Polygon(outline.ring()) for outline in outlines]
+    heights = np.array([polygon.bounds[3] - polygon.bounds[1] for polygon in polygons])
+    tree = shapely.STRtree(polygons)
+    pairs = tree.query(polygons, predicate="dwithin", distance=heights / _DEEP).T
+    found = []
+    for a, b in pairs[pairs[:, 0] != pairs[:, 1]].tolist():
+        if outlines[a].upper[-1, 0] <= outlines[b].upper[0, 0]:
+            profiles = outlines[a].right_profile(), outlines[b].left_profile()
+            segments = _street(*profiles, (bounds[1], bounds[3]), tree, {a, b})
+            found += [] if segments is None else [Lids(a, b, segments)]
+    return found
+
+
+def _border_streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
+    """Streets between an outline and the border on its left or right, on either side of where it touches that."""
+    x_min, y_min, x_max, y_max = bounds
+    tree = shapely.STRtree([Polygon(outline.ring()) for outline in outlines])
+    found = []
+    for k, outline in enumerate(outlines):
+        for border_x, mine in ((x_min, outline.left_profile()), (x_max, outline.right_profile())):
+            contact = mine[mine[:, 0] == border_x, 1]
+            spans = [(y_min, y_max)] if not contact.size else [(y_min, contact.min()), (contact.max(), y_max)]
+            for span in spans:
+                border = np.array([[border_x, y] for y in span])
+                profiles = (border, mine) if border_x == x_min else (mine, border)
+                closed = (y_min, y_max, *(float(y) for y in contact))
+                segments = _street(*profiles, closed, tree, {k})
+                found += [] if segments is None else [Lids(k, k, segments)]
+    return found
+
+
+def _street(
+    right_of_a: Array, left_of_b: Array, closed: tuple[float, ...], tree: shapely.STRtree, own: set[int]
+) -> Array | None:
+    """Lids of the street between two profiles (V, 2), left and right: at most two, None when none is deep.
+
+    At the heights `closed` the street ends blindly and needs no lid. It holds no outline of the tree but its `own`.
+    """
+    low = max(right_of_a[:, 1].min(), left_of_b[:, 1].min())
+    high = min(right_of_a[:, 1].max(), left_of_b[:, 1].max())
+    if low >= high:
+        return None
+    levels = np.unique(np.concatenate([right_of_a[:, 1], left_of_b[:, 1]]))
+    levels = levels[(levels > low) & (levels < high)]
+    levels = (
+        levels[np.unique(np.linspace(0, len(levels) - 1, _MOST_LEVELS).round().astype(int))] if len(levels) else levels
+    )
+    levels = np.unique(np.concatenate([levels, np.linspace(low, high, _MOST_LEVELS)]))
+    left, right = _x_at(right_of_a, levels, np.max), _x_at(left_of_b, levels, np.min)
+    for c, d in sorted(
+        itertools.combinations(range(len(levels)), 2), key=lambda ends: levels[ends[0]] - levels[ends[1]]
+    ):
+        shut = [k for k in (c, d) if levels[k] not in closed]
+        depth = float(levels[d] - levels[c])
+        if not shut or depth < _DEEP * len(shut) * max(right[k] - left[k] for k in shut):
+            continue
+        ground = Polygon(
+            [*np.column_stack([left, levels])[c : d + 1], *np.column_stack([right, levels])[c : d + 1][::-1]]
+        )
+        if set(tree.query(ground, predicate="intersects").tolist()) <= own:
+            return np.array([[[left[k], levels[k]], [right[k], levels[k]]] for k in shut])
+    return None
+
+
+def _x_at(profile: Array, levels: Array, extreme: np.ufunc) -> Array:
+    """Outermost x (n,) of a profile (V, 2), a path from its lowest to its highest point, at heights `levels`."""
+    start, end = profile[:-1], profile[1:]
+    low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
+    values = []
+    for level in levels:
+        spans = (low <= level) & (level <= high)
+        rise = end[spans, 1] - start[spans, 1]
+        share = np.where(rise != 0, (level - start[spans, 1]) / np.where(rise != 0, rise, 1.0), 0.0)
+        x = start[spans, 0] + share * (end[spans, 0] - start[spans, 0])
+        flat = rise == 0
+        values.append(extreme(np.concatenate([x, end[spans, 0][flat]])))
+    return np.array(values)
