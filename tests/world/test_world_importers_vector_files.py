@@ -8,11 +8,13 @@ import numpy as np
 import osmium
 import pytest
 import shapely
+from pydantic import ValidationError
 
+from sandwich_sitl.config import GeoOriginConfig
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.viewing.world_picture import draw_world
 from sandwich_sitl.world.importers import ImportOptions, limits, osm, read_world, shapes
-from sandwich_sitl.world.importers.heights import height_m
+from sandwich_sitl.world.importers.tags import height_m
 from sandwich_sitl.world.world import GeoOrigin
 from sandwich_sitl.world_report import cover, world_report
 
@@ -54,7 +56,7 @@ def test_parts_holes_heights_and_filter(tmp_path: Path) -> None:
         feature([degrees(ROMB, 16)], name="odd", building="yes", height="tall"),
         {"type": "Feature", "properties": {"building": "yes"}, "geometry": None},
     )
-    imported = read_world(path, ImportOptions(where=(("building", "yes"),), storey_m=3.0))
+    imported = read_world(path, ImportOptions(where={"building": "yes"}, storey_m=3.0))
     world, report = imported.world, imported.report
     assert [(o.name, o.height_m) for o in world.obstacles] == [
         ("court", 12),
@@ -84,7 +86,7 @@ def test_window_bounds_and_origin(tmp_path: Path) -> None:
     assert y_max - y_min == pytest.approx(4 * STEP * 111_229, rel=1e-3)  # a degree of latitude at 50 degrees north
     assert x_max - x_min == pytest.approx(4 * STEP * 71_550, rel=1e-3)
     assert imported.world.origin == GeoOrigin(pytest.approx(50.1 + STEP), pytest.approx(14.4 + STEP))
-    fixed = read_world(path, ImportOptions(origin=GeoOrigin(50.1, 14.4), bounds_m=(-5, -5, 50, 50)))
+    fixed = read_world(path, ImportOptions(origin=GeoOriginConfig(50.1, 14.4), bounds_m=(-5, -5, 50, 50)))
     assert fixed.world.bounds_m == (-5, -5, 50, 50)
     assert fixed.report.outside == 1
     with pytest.raises(InputError, match="1 lie outside the window"):
@@ -92,7 +94,7 @@ def test_window_bounds_and_origin(tmp_path: Path) -> None:
 
 
 def test_a_map_without_shapes_is_open_ground_where_bounds_say_so(tmp_path: Path) -> None:
-    world = read_world(geojson(tmp_path), ImportOptions(origin=GeoOrigin(50, 14), bounds_m=(0, 0, 5, 5))).world
+    world = read_world(geojson(tmp_path), ImportOptions(origin=GeoOriginConfig(50, 14), bounds_m=(0, 0, 5, 5))).world
     assert (world.obstacles, world.bounds_m, world.origin) == ((), (0, 0, 5, 5), GeoOrigin(50, 14))
 
 
@@ -190,7 +192,7 @@ def test_missing_files_limits_and_options(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(InputError, match="give bounds_m instead"):
         read_world(path, ImportOptions(window_deg=(0, 0, 1, 1)))
     with pytest.raises(InputError, match="remove the filter"):
-        read_world(path, ImportOptions(where=(("a", "b"),)))
+        read_world(path, ImportOptions(where={"a": "b"}))
     for name, value in (("MAX_SHAPES", 2), ("MAX_VERTICES", 10)):
         with monkeypatch.context() as patch:
             patch.setattr(shapes, name, value)
@@ -206,7 +208,7 @@ def test_missing_files_limits_and_options(tmp_path: Path, monkeypatch: pytest.Mo
         {"simplify_m": float("nan")},
         {"passable": ""},
     ):
-        with pytest.raises(InputError):
+        with pytest.raises(ValidationError):
             ImportOptions(**bad)  # type: ignore[arg-type]
 
 
@@ -286,7 +288,7 @@ def test_osm_buildings(tmp_path: Path, name: str) -> None:
     assert [note.name for note in report.courtyards] == ["relation 9"]
     assert [note.name for note in report.repaired] == ["way 6"]
     assert report.filtered == 1
-    halls = read_world(tmp_path / name, ImportOptions(where=(("building", "hall"),)))
+    halls = read_world(tmp_path / name, ImportOptions(where={"building": "hall"}))
     assert [o.name for o in halls.world.obstacles] == ["way 1"]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.grid import Grid, check_size
 from sandwich_sitl.world.importers.limits import read_text
-from sandwich_sitl.world.importers.options import ImportOptions
+from sandwich_sitl.world_config import ImportOptions
 
 _TERRAIN = frozenset(".GSWT@O")
 

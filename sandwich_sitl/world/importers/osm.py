@@ -14,10 +14,10 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.heights import height_m
 from sandwich_sitl.world.importers.limits import MAX_OSM_BYTES, MAX_OSM_OBJECTS, file_size, head
-from sandwich_sitl.world.importers.options import ImportOptions
 from sandwich_sitl.world.importers.shapes import ShapeList
+from sandwich_sitl.world.importers.tags import height_m, matches
+from sandwich_sitl.world_config import ImportOptions
 
 _KEY = "building"
 
@@ -59,7 +59,7 @@ def _read_objects(
         if not isinstance(item, osmium.osm.Way | osmium.osm.Relation | osmium.osm.Area):
             continue
         tags = dict(item.tags)
-        if tags[_KEY] == "no" or any(tags.get(key) != value for key, value in options.where):
+        if tags[_KEY] == "no" or not matches(tags, options.where):
             once = not isinstance(item, osmium.osm.Area)
             found.read += once
             found.filtered += once

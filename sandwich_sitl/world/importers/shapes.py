@@ -17,10 +17,10 @@ from shapely.validation import explain_validity
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_VERTICES
 from sandwich_sitl.world.importers.notches import fill_notches
-from sandwich_sitl.world.importers.options import Box, ImportOptions
-from sandwich_sitl.world.importers.projection import origin_of, to_enu, window_m
+from sandwich_sitl.world.importers.projection import configured_origin, origin_of, to_enu, window_m
 from sandwich_sitl.world.importers.result import ImportedWorld, ImportReport, Note
 from sandwich_sitl.world.world import GeoOrigin, Obstacle, World
+from sandwich_sitl.world_config import Box, ImportOptions
 
 MAX_REPAIR_VERTICES = 300  # of one outline that crosses itself: crossings grow with the square
 MAX_REPAIR_VERTICES_IN_ALL = 3_000
@@ -28,6 +28,7 @@ _BORDER_SHARE = 0.05  # free ground added on each side when no bounds are given
 _SAME_AREA = 1e-9
 _FLAT = 1e-9  # of the perimeter squared: less area than that is rounding
 _NAME_LENGTH = 60
+_NAMED = 100  # shapes outside the bounds that a report names
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
     inside = shapely.intersects([o.polygon for o in obstacles], box(*bounds)) if obstacles else np.empty(0, bool)
     kept = [o for o, keep in zip(obstacles, inside, strict=True) if keep]
     if options.simplify_m:
-        polygons = fill_notches([o.polygon for o in kept], options.simplify_m, options.gap_m)
+        polygons = fill_notches([o.polygon for o in kept], options.simplify_m, options.kept_gap_m)
         kept = [replace(o, polygon=polygon) for o, polygon in zip(kept, polygons, strict=True)]
     report = ImportReport(
         source=found.source,
@@ -128,6 +129,7 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
         read=found.read,
         filtered=found.filtered,
         outside=found.outside + len(obstacles) - len(kept),
+        outside_names=tuple(o.name for o, keep in zip(obstacles, inside, strict=True) if not keep)[:_NAMED],
         vertices=sum(len(o.polygon.exterior.coords) - 1 for o in kept),
         repaired=tuple(found.repaired),
         dropped=tuple(found.dropped),
@@ -157,7 +159,7 @@ def _origin(found: ShapeList, options: ImportOptions) -> GeoOrigin | None:
     if extent is None and found.shapes:
         west, south, east, north = map(float, shapely.total_bounds([shape.polygon for shape in found.shapes]))
         extent = (west, south, east, north)
-    return origin_of(found.source, extent, options) if extent else options.origin
+    return origin_of(found.source, extent, options) if extent else configured_origin(options)
 
 
 def _obstacles(found: ShapeList, origin: GeoOrigin | None) -> Iterator[Obstacle]:

@@ -17,10 +17,10 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.heights import height_m
 from sandwich_sitl.world.importers.limits import MAX_WKT_DEPTH, read_text
-from sandwich_sitl.world.importers.options import ImportOptions
 from sandwich_sitl.world.importers.shapes import ShapeList
+from sandwich_sitl.world.importers.tags import height_m
+from sandwich_sitl.world_config import ImportOptions
 
 _SRID = re.compile(r"\s*SRID=(\d+);", re.IGNORECASE)
 
