@@ -155,6 +155,7 @@ def test_bad_geojson(tmp_path: Path, features: list[Any], members: dict[str, Any
         ("a.unknown", b"hello", "is no known map"),
         ("a.osm", b"<?xml version='1.0'?><osm version='0.6'><node id='1'", "is no complete OpenStreetMap"),
         ("a.osm", b"<!DOCTYPE o [<!ENTITY a 'aa'>]><osm version='0.6'>&a;</osm>", "is no complete OpenStreetMap"),
+        ("a.osm", b"<osm version='0.6'><node id='1e400' lat='1' lon='1'/></osm>", "illegal id: '1e400'"),
         ("a.osm.pbf", b"\x00\x00\x00\x0dgarbage", "is no complete OpenStreetMap"),
         ("a.wkt", b"POLYGON ((0 0, 1 0", "line 1: is not WKT"),
         ("a.wkt", b"POLYGON ((0 0, 1 0, 1 1, 0 0))\nPOLYGON ((0 0))", "line 2: is not WKT"),
@@ -341,3 +342,42 @@ def test_cover_counts_overlaps_once(tmp_path: Path) -> None:
     path = tmp_path / "a.wkt"
     path.write_text("POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0))\nPOLYGON ((1 0, 3 0, 3 2, 1 2, 1 0))\n")
     assert cover(read_world(path, ImportOptions(bounds_m=(0, 0, 2, 4))).world) == pytest.approx(0.5)
+
+
+def test_a_zero_byte_in_a_tag_ends_in_one_error(tmp_path: Path) -> None:
+    """libosmium keeps strings up to their zero byte: it reads past its memory and may end its process."""
+    path = tmp_path / "a.osm.pbf"
+    extract(tmp_path / "whole.osm.pbf")
+    with osmium.SimpleWriter(osmium.io.File(str(path), "pbf,pbf_compression=none")) as writer:
+        for item in osmium.FileProcessor(str(tmp_path / "whole.osm.pbf")):
+            writer.add(item)
+    data = path.read_bytes()
+    assert b"building:levels" in data
+    path.write_bytes(data.replace(b"building:levels", b"building\0levels"))
+    with pytest.raises(InputError, match=r"a\.osm\.pbf: is no .*OpenStreetMap extract"):
+        read_world(path)
+
+
+def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = extract(tmp_path / "a.osm")
+    monkeypatch.setattr(osm, "MAX_OSM_S", 0.01)
+    with pytest.raises(InputError, match=r"a\.osm: takes more than 0\.01 s"):
+        read_world(path)
+
+
+def test_control_characters_of_a_file_are_written_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.wkt"
+    path.write_bytes(b"POLYGON ((0 0, 1 0, 1\x1b[2J 1, 0 0))")
+    with pytest.raises(InputError, match=r"\\x1b\[2J") as caught:
+        read_world(path)
+    assert str(caught.value).isprintable()
+    imported = read_world(geojson(tmp_path, feature([degrees(ROMB)], name="a\x1b[2J\nb", height="\x07")))
+    assert [o.name for o in imported.world.obstacles] == ["a\\x1b[2J\\nb"]
+    assert all(line.isprintable() for line in world_report(imported).split("\n"))
+
+
+def test_numbers_beyond_the_floats_are_no_map(tmp_path: Path) -> None:
+    path = tmp_path / "a.wkt"
+    path.write_text("POLYGON ((0 0, 1e400 0, 1 1, 0 0))")
+    with pytest.raises(InputError, match="finite number"):
+        read_world(path)

@@ -67,7 +67,7 @@ def _read_feature(feature: Any, where: str, index: int, options: ImportOptions, 
         found.drop(name, "has no geometry")
         return
     try:
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             geometry = shape(feature["geometry"])
     except (shapely.errors.ShapelyError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{where}.geometry: cannot be read ({error}); give a Polygon or MultiPolygon") from error

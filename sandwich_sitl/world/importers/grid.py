@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, affinity, box
 
-from sandwich_sitl.errors import InputError
+from sandwich_sitl.errors import InputError, printable
 from sandwich_sitl.world.grow import mitred
 from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_GRID_CELLS
 from sandwich_sitl.world.importers.notches import fill_notches
@@ -76,7 +76,7 @@ def grid_world(grid: Grid, file_format: str, options: ImportOptions) -> Imported
     inside = shapely.intersects(placed, box(*bounds)) if placed else np.empty(0, bool)
     kept = [polygon for polygon, keep in zip(placed, inside, strict=True) if keep]
     digits = len(str(len(kept)))
-    remarks = [Note("grid", text) for text in grid.remarks]
+    remarks = [Note("grid", printable(text)) for text in grid.remarks]
     remarks.append(
         Note("outlines", f"{corners} corners of cells became {sum(len(p.exterior.coords) - 1 for p in simple)}")
     )

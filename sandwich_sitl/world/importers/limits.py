@@ -12,6 +12,7 @@ from sandwich_sitl.errors import InputError
 MAX_TEXT_BYTES = 64 * 2**20  # GeoJSON, WKT, CSV, MovingAI and the image of a grid
 MAX_OSM_BYTES = 64 * 2**20
 MAX_OSM_OBJECTS = 5_000_000  # nodes, ways and relations: a small file can unpack to very many
+MAX_OSM_S = 120.0
 MAX_YAML_BYTES = 64 * 2**10
 MAX_YAML_DEPTH = 8
 MAX_WKT_DEPTH = 8
@@ -54,10 +55,16 @@ def head(path: Path, count: int = 512) -> bytes:
 
 def read_text(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """The file as UTF-8 text without byte order mark. Raises `InputError` as `file_size` does, or if it is no text."""
-    file_size(path, most_bytes)
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a file that can be read") from error
+        return read_bytes(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8") from error
+
+
+def read_bytes(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
+    """The file's bytes. Raises `InputError` as `file_size` does."""
+    file_size(path, most_bytes)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a file that can be read") from error

@@ -6,6 +6,7 @@ cells between the thresholds; a world knows no grades, so they stay unknown in b
 unknown.
 """
 
+import io
 import math
 import warnings
 from pathlib import Path
@@ -18,7 +19,7 @@ from PIL import Image, UnidentifiedImageError
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.grid import Grid, check_size
-from sandwich_sitl.world.importers.limits import MAX_TEXT_BYTES, MAX_YAML_BYTES, MAX_YAML_DEPTH, file_size, read_text
+from sandwich_sitl.world.importers.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, read_bytes, read_text
 
 _FORMATS = ("PNG", "PPM", "BMP")
 _MODES = ("trinary", "scale")
@@ -96,9 +97,10 @@ def _image_path(path: Path, image: object) -> tuple[Path, str | None]:
 
 def _pixels(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Grey values 0..255, the mean of the colours, and which pixels are not transparent."""
-    file_size(path, MAX_TEXT_BYTES)
+    # From memory: a read from disk takes as much memory as a damaged file asks for.
+    data = io.BytesIO(read_bytes(path))
     try:
-        with warnings.catch_warnings(action="error"), Image.open(path, formats=_FORMATS) as image:
+        with warnings.catch_warnings(action="error"), Image.open(data, formats=_FORMATS) as image:
             check_size(path, *image.size)
             if image.mode == "I" or image.mode.startswith("I;16"):
                 return np.asarray(image, dtype=np.float32) / np.float32(257), np.ones(image.size[::-1], dtype=bool)

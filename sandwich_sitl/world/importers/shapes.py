@@ -14,7 +14,7 @@ from shapely import GeometryCollection, LinearRing, MultiPolygon, Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import explain_validity
 
-from sandwich_sitl.errors import InputError
+from sandwich_sitl.errors import InputError, printable
 from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_VERTICES
 from sandwich_sitl.world.importers.notches import fill_notches
 from sandwich_sitl.world.importers.projection import configured_origin, origin_of, to_enu, window_m
@@ -63,7 +63,7 @@ class ShapeList:
         """Take every polygon of a geometry; other parts are dropped with the reason."""
         parts = list(_flat(geometry))
         for number, part in enumerate(parts):
-            part_name = name[:_NAME_LENGTH] + ("" if len(parts) == 1 else f".{number + 1}")
+            part_name = _label(name) + ("" if len(parts) == 1 else f".{number + 1}")
             self.read += 1
             if part.is_empty:
                 self.drop(part_name, "has no corners")
@@ -78,12 +78,12 @@ class ShapeList:
 
     def drop(self, name: str, reason: str) -> None:
         """Note a shape that does not become an obstacle."""
-        self.dropped.append(Note(name[:_NAME_LENGTH], reason))
+        self.dropped.append(Note(_label(name), reason))
         self._limit(len(self.dropped), MAX_SHAPES, "unusable shapes")
 
     def remark(self, name: str, reason: str) -> None:
         """Note something odd about a shape that is used all the same."""
-        self.remarks.append(Note(name[:_NAME_LENGTH], reason))
+        self.remarks.append(Note(_label(name), printable(reason)))
 
     def _take(self, shape: Shape) -> None:
         self.shapes.append(shape)
@@ -137,6 +137,10 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
         remarks=tuple(found.remarks),
     )
     return ImportedWorld(World(bounds, tuple(kept), origin), report)
+
+
+def _label(name: str) -> str:
+    return printable(name[:_NAME_LENGTH])
 
 
 def _flat(geometry: BaseGeometry) -> Iterator[BaseGeometry]:

@@ -46,7 +46,7 @@ def read_csv(path: Path, options: ImportOptions, found: ShapeList) -> None:
         elif {"name", "x", "y"} <= columns:
             _read_corner_rows(path, rows, options, found)
         else:
-            raise InputError(f"{path}: line 1: has columns {sorted(columns)[:9]}; give name,x,y or name,wkt")
+            raise InputError(f"{path}: line 1: has columns {str(sorted(columns))[:80]}; give name,x,y or name,wkt")
     except csv.Error as error:
         raise InputError(
             f"{path}: line {rows.line_num + 1}: is not CSV ({error}); close quotes, or use .wkt"
@@ -102,7 +102,7 @@ def _geometry(text: str, where: str) -> BaseGeometry:
     if _depth(text) > MAX_WKT_DEPTH:
         raise InputError(f"{where}: nests parentheses deeper than {MAX_WKT_DEPTH}; give a geometry a line")
     try:
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, ValueError) as error:
         reason = " ".join(str(error).split())[:120]
