@@ -24,10 +24,16 @@ _MAX_ANSWER_BYTES = 256 * 2**20
 def main() -> None:
     """Print what the file holds."""
     path, file_format, most_objects = sys.argv[1], sys.argv[2], int(sys.argv[3])
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _limit(resource.RLIMIT_AS, MAX_MEMORY_BYTES)
+    _limit(resource.RLIMIT_CORE, 0)
     os.environ["OSMIUM_POOL_THREADS"] = "1"  # each thread takes address space
     print(json.dumps({"end": _answer(osmium.io.File(path, file_format), most_objects)}))
+
+
+def _limit(kind: int, most: int) -> None:
+    _, allowed = resource.getrlimit(kind)
+    least = most if allowed == resource.RLIM_INFINITY else min(most, allowed)
+    resource.setrlimit(kind, (least, least))
 
 
 def _answer(file: osmium.io.File, most_objects: int) -> str | None:

@@ -31,9 +31,7 @@ def read_ros_map(path: Path) -> Grid:
     resolution = _number(path, data, "resolution", None)
     if not 0 < resolution < math.inf:
         raise InputError(f"{path}: resolution: must be a positive number of metres, got {resolution}")
-    origin = data.get("origin", [0.0, 0.0, 0.0])
-    if not (isinstance(origin, list) and len(origin) == 3 and all(_is_number(value) for value in origin)):
-        raise InputError(f"{path}: origin: must be [x, y, yaw] in metres and radians")
+    x, y, yaw = _origin(path, data.get("origin", [0.0, 0.0, 0.0]))
     occupied = _number(path, data, "occupied_thresh", 0.65)
     free = _number(path, data, "free_thresh", 0.196)
     if not 0 <= free <= occupied <= 1:
@@ -49,7 +47,6 @@ def read_ros_map(path: Path) -> Grid:
     p = grey if negate else 255.0 - grey
     solid = seen & (p > 255.0 * occupied)
     unknown = ~solid & ~(seen & (p < 255.0 * free))
-    x, y, yaw = (float(value) for value in origin)
     remarks = (remark,) if remark else ()
     return Grid(str(path), solid[::-1], unknown[::-1], resolution, (x, y), yaw, remarks)
 
@@ -74,15 +71,31 @@ def _yaml(path: Path) -> dict[str, Any]:
     return data
 
 
-def _is_number(value: object) -> bool:
-    return type(value) in (int, float) and math.isfinite(float(str(value)))
+def _finite(value: object) -> float | None:
+    """The number; text such as 5e-2 is one to YAML 1.2, which map_server reads."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _number(path: Path, data: dict[str, Any], key: str, default: float | None) -> float:
     value = data.get(key, default)
-    if value is None or not _is_number(value):
+    number = _finite(value)
+    if number is None:
         raise InputError(f"{path}: {key}: must be a number, got {str(value)[:40]!r}")
-    return float(value)
+    return number
+
+
+def _origin(path: Path, given: object) -> tuple[float, float, float]:
+    values = [_finite(value) for value in given] if isinstance(given, list) else []
+    numbers = [value for value in values if value is not None]
+    if len(values) != 3 or len(numbers) != 3:
+        raise InputError(f"{path}: origin: must be [x, y, yaw] in metres and radians, got {str(given)[:40]!r}")
+    return numbers[0], numbers[1], numbers[2]
 
 
 def _image_path(path: Path, image: object) -> tuple[Path, str | None]:
