@@ -47,15 +47,14 @@ def notices(imported: ImportedWorld) -> list[str]:
     """What a person who flies in this world must know: a line for each way in which it is not the map as given."""
     report = imported.report
     kinds = (
-        (report.outside_names, "wholly outside the bounds, left out"),
-        (tuple(note.name for note in report.repaired), "repaired"),
-        (tuple(note.name for note in report.dropped), "not usable, left out"),
+        (report.outside, report.outside_names, "wholly outside the bounds, left out"),
+        (len(report.repaired), tuple(note.name for note in report.repaired), "repaired"),
+        (len(report.dropped), tuple(note.name for note in report.dropped), "not usable, left out"),
     )
-    more = "; `sandwich-sitl world` says more"
     return [
-        f"world: {len(names)} {'shape' if len(names) == 1 else 'shapes'} {what} ({', '.join(names[:3])}"
-        f"{', ...' if len(names) > 3 else ''}){more}"
-        for names, what in kinds
+        f"world: {count} {'shape' if count == 1 else 'shapes'} {what}"
+        f" ({', '.join([*names[:3], *(['...'] if count > 3 else [])])})"
+        for count, names, what in kinds
         if names
     ]
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from sandwich_sitl.config import GeoOriginConfig
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.viewing.world_picture import draw_world
-from sandwich_sitl.world.importers import ImportOptions, limits, osm, read_world, shapes
+from sandwich_sitl.world.importers import ImportOptions, limits, osm, read_world, shapes, text_shapes
 from sandwich_sitl.world.importers.tags import height_m
 from sandwich_sitl.world.world import GeoOrigin
 from sandwich_sitl.world_report import cover, world_report
@@ -356,6 +356,16 @@ def test_a_zero_byte_in_a_tag_ends_in_one_error(tmp_path: Path) -> None:
     path.write_bytes(data.replace(b"building:levels", b"building\0levels"))
     with pytest.raises(InputError, match=r"a\.osm\.pbf: is no .*OpenStreetMap extract"):
         read_world(path)
+
+
+def test_rows_are_counted_while_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("name,x,y\n" + "".join(f"{k},0,0\n" for k in range(9)))
+    for name, value, line in (("MAX_SHAPES", 4, 6), ("MAX_VERTICES", 6, 8)):
+        with monkeypatch.context() as patch:
+            patch.setattr(text_shapes, name, value)
+            with pytest.raises(InputError, match=f"line {line}: has more than"):
+                read_world(path)
 
 
 def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.limits import MAX_WKT_DEPTH, read_text
+from sandwich_sitl.world.importers.limits import MAX_SHAPES, MAX_VERTICES, MAX_WKT_DEPTH, read_text
 from sandwich_sitl.world.importers.shapes import ShapeList
 from sandwich_sitl.world.importers.tags import height_m
 from sandwich_sitl.world_config import ImportOptions
@@ -63,6 +63,7 @@ def _read_wkt_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptio
 def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptions, found: ShapeList) -> None:
     rings: dict[str, list[tuple[float, float]]] = {}
     first: dict[str, tuple[int, dict[str, str]]] = {}
+    corners = 0
     for number, row in _clean(path, rows):
         try:
             corner = (float(row["x"]), float(row["y"]))
@@ -72,6 +73,12 @@ def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOp
             raise InputError(f"{path}: line {number}: x, y must be finite metres, got {corner}")
         first.setdefault(row["name"], (number, row))
         rings.setdefault(row["name"], []).append(corner)
+        corners += 1
+        if corners > MAX_VERTICES or len(rings) > MAX_SHAPES:
+            raise InputError(
+                f"{path}: line {number}: has more than {MAX_VERTICES} corners or {MAX_SHAPES} shapes; "
+                "cut out the part that is flown"
+            )
     for name, ring in rings.items():
         number, row = first[name]
         where = f"{path}: line {number}"
