@@ -23,7 +23,7 @@ _GROWN_MARGINS = 1.25  # smoothing grows obstacles by a little more than the mar
 
 Box = tuple[float, float, float, float]
 Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+Length = Annotated[float, Field(ge=0, le=_MAX_COORDINATE_M)]
 Coordinate = Annotated[float, Field(ge=-_MAX_COORDINATE_M, le=_MAX_COORDINATE_M)]
 PointM = tuple[Coordinate, Coordinate]
 Radius = Annotated[float, Field(gt=0, le=_MAX_COORDINATE_M)]
@@ -107,15 +107,15 @@ class ImportOptions:
     origin: GeoOriginConfig | None = None
     window_deg: WindowDeg | None = None
     where: dict[str, Text] = field(default_factory=dict)
-    storey_m: Positive = 3.0
+    storey_m: Radius = 3.0
     repair: bool = False
-    cell_m: Positive = 1.0
+    cell_m: Annotated[float, Field(ge=1e-4, le=1e4)] = 1.0
     passable: Annotated[str, Field(min_length=1, description="characters of a MovingAI map")] = ".GS"
     unknown_is_free: bool = False
     inside_m: PointM | None = None
-    clearance_m: NonNegative | None = None
-    simplify_m: NonNegative | None = None
-    gap_m: NonNegative | None = None
+    clearance_m: Length | None = None
+    simplify_m: Length | None = None
+    gap_m: Length | None = None
 
     @property
     def kept_gap_m(self) -> float:

@@ -209,6 +209,7 @@ def test_more_data_than_declared_is_never_unpacked(tmp_path: Path) -> None:
     [
         ({"resolution": 0}, "resolution: must be"),
         ({"resolution": ".nan"}, "resolution: must be"),
+        ({"resolution": "1e-320"}, "resolution: must be"),
         ({"resolution": "wide"}, "resolution: must be"),
         ({"resolution": "1e400"}, "resolution: must be"),
         ({"resolution": "9" * 400}, "resolution: must be"),

@@ -236,12 +236,15 @@ def test_csv_of_corners_and_of_wkt(tmp_path: Path) -> None:
     assert [o.name for o in read_world(path).world.obstacles] == ["hall"]
 
 
-def test_vectors_are_simplified_when_asked(tmp_path: Path) -> None:
+def test_vectors_are_simplified_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.wkt"
     path.write_text("POLYGON ((0 0, 9 0, 9 5, 5 5, 4.5 4.9, 4 5, 0 5, 0 0))")
     (obstacle,) = read_world(path, ImportOptions(simplify_m=0.2)).world.obstacles
     assert obstacle.polygon.area == pytest.approx(45)
     assert read_world(path).report.vertices == 7
+    monkeypatch.setattr(shapes, "MAX_SIMPLIFIED_VERTICES", 7)
+    with pytest.raises(InputError, match="more than 7 corners to simplify"):
+        read_world(path, ImportOptions(simplify_m=0.2))
 
 
 def node(number: int, x: float, y: float) -> osmium.osm.mutable.Node:

@@ -19,7 +19,7 @@ from PIL import Image, UnidentifiedImageError
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.grid import Grid, check_size
-from sandwich_sitl.world.importers.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, read_bytes, read_text
+from sandwich_sitl.world.importers.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, MIN_CELL_M, read_bytes, read_text
 
 _FORMATS = ("PNG", "PPM", "BMP")
 _MODES = ("trinary", "scale")
@@ -29,8 +29,8 @@ def read_ros_map(path: Path) -> Grid:
     """The grid with its unknown cells apart. Raises `InputError` naming the key or the image."""
     data = _yaml(path)
     resolution = _number(path, data, "resolution", None)
-    if not 0 < resolution < math.inf:
-        raise InputError(f"{path}: resolution: must be a positive number of metres, got {resolution}")
+    if resolution < MIN_CELL_M:
+        raise InputError(f"{path}: resolution: must be a number of metres, at least {MIN_CELL_M:g}, got {resolution:g}")
     x, y, yaw = _origin(path, data.get("origin", [0.0, 0.0, 0.0]))
     occupied = _number(path, data, "occupied_thresh", 0.65)
     free = _number(path, data, "free_thresh", 0.196)

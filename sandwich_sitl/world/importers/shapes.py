@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.validation import explain_validity
 
 from sandwich_sitl.errors import InputError, printable
-from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_VERTICES
+from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_SIMPLIFIED_VERTICES, MAX_VERTICES
 from sandwich_sitl.world.importers.notches import fill_notches
 from sandwich_sitl.world.importers.projection import configured_origin, origin_of, to_enu, window_m
 from sandwich_sitl.world.importers.result import ImportedWorld, ImportReport, Note
@@ -121,6 +121,11 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
     inside = shapely.intersects([o.polygon for o in obstacles], box(*bounds)) if obstacles else np.empty(0, bool)
     kept = [o for o, keep in zip(obstacles, inside, strict=True) if keep]
     if options.simplify_m:
+        if sum(len(o.polygon.exterior.coords) for o in kept) > MAX_SIMPLIFIED_VERTICES:
+            raise InputError(
+                f"{found.source}: has more than {MAX_SIMPLIFIED_VERTICES} corners to simplify; "
+                "cut out the part that is flown, or leave out simplify_m"
+            )
         polygons = fill_notches([o.polygon for o in kept], options.simplify_m, options.kept_gap_m)
         kept = [replace(o, polygon=polygon) for o, polygon in zip(kept, polygons, strict=True)]
     report = ImportReport(

@@ -63,8 +63,7 @@ def _read_wkt_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptio
 def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptions, found: ShapeList) -> None:
     rings: dict[str, list[tuple[float, float]]] = {}
     first: dict[str, tuple[int, dict[str, str]]] = {}
-    corners = 0
-    for number, row in _clean(path, rows):
+    for corners, (number, row) in enumerate(_clean(path, rows), 1):
         try:
             corner = (float(row["x"]), float(row["y"]))
         except ValueError as error:
@@ -73,7 +72,6 @@ def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOp
             raise InputError(f"{path}: line {number}: x, y must be finite metres, got {corner}")
         first.setdefault(row["name"], (number, row))
         rings.setdefault(row["name"], []).append(corner)
-        corners += 1
         if corners > MAX_VERTICES or len(rings) > MAX_SHAPES:
             raise InputError(
                 f"{path}: line {number}: has more than {MAX_VERTICES} corners or {MAX_SHAPES} shapes; "
