@@ -3,12 +3,12 @@
 import math
 from pathlib import Path
 
-from shapely import Point, Polygon, box
+from shapely import Point, Polygon
 
 from sandwich_sitl.config import ObstacleConfig, WorldConfig
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers import ImportedWorld, ImportReport, read_world
-from sandwich_sitl.world.world import Obstacle, World
+from sandwich_sitl.world.world import Obstacle, World, matter
 from sandwich_sitl.yaml_document import place
 
 _CIRCLE_VERTICES = 24
@@ -31,10 +31,10 @@ def import_world(config: WorldConfig, config_path: Path) -> ImportedWorld:
             raise InputError(f"{where}: world.file: there is no {path}; give a path relative to the configuration")
         return read_world(path, config)
     assert config.bounds_m is not None
-    frame = box(*config.bounds_m)
     obstacles = [_obstacle(item, index) for index, item in enumerate(config.obstacles)]
-    kept = tuple(o for o in obstacles if o.polygon.intersects(frame))
-    outside = [o.name for o in obstacles if not o.polygon.intersects(frame)]
+    near = matter([o.polygon for o in obstacles], config.bounds_m)
+    kept = tuple(o for o, keep in zip(obstacles, near, strict=True) if keep)
+    outside = [o.name for o, keep in zip(obstacles, near, strict=True) if not keep]
     report = ImportReport(
         source=str(config_path),
         file_format="run configuration",

@@ -22,7 +22,7 @@ from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_GRID_CELL
 from sandwich_sitl.world.importers.notches import fill_notches
 from sandwich_sitl.world.importers.outline import outlines, without_holes
 from sandwich_sitl.world.importers.result import GridFacts, ImportedWorld, ImportReport, Note
-from sandwich_sitl.world.world import Obstacle, World
+from sandwich_sitl.world.world import Obstacle, World, matter
 from sandwich_sitl.world_config import Box, ImportOptions
 
 Cells = NDArray[np.bool_]
@@ -73,7 +73,7 @@ def grid_world(grid: Grid, file_format: str, options: ImportOptions) -> Imported
     if not options.unknown_is_free:
         placed += _outside(grid, options.bounds_m)
     bounds = options.bounds_m or _bounds(grid, meant, placed, options.clearance_m or 0.0)
-    inside = shapely.intersects(placed, box(*bounds)) if placed else np.empty(0, bool)
+    inside = matter(placed, bounds, options.clearance_m or 0.0)
     kept = [polygon for polygon, keep in zip(placed, inside, strict=True) if keep]
     digits = len(str(len(kept)))
     remarks = [Note("grid", printable(text)) for text in grid.remarks]

@@ -19,7 +19,7 @@ from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, M
 from sandwich_sitl.world.importers.notches import fill_notches
 from sandwich_sitl.world.importers.projection import configured_origin, origin_of, to_enu, window_m
 from sandwich_sitl.world.importers.result import ImportedWorld, ImportReport, Note
-from sandwich_sitl.world.world import GeoOrigin, Obstacle, World
+from sandwich_sitl.world.world import GeoOrigin, Obstacle, World, matter
 from sandwich_sitl.world_config import Box, ImportOptions
 
 MAX_REPAIR_VERTICES = 300  # of one outline that crosses itself: crossings grow with the square
@@ -118,7 +118,7 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
     window = window_m(options.window_deg, origin) if options.window_deg and origin else None
     obstacles = list(_obstacles(found, origin))
     bounds = options.bounds_m or window or _extent(obstacles, found)
-    inside = shapely.intersects([o.polygon for o in obstacles], box(*bounds)) if obstacles else np.empty(0, bool)
+    inside = matter([o.polygon for o in obstacles], bounds, options.clearance_m or 0.0)
     kept = [o for o, keep in zip(obstacles, inside, strict=True) if keep]
     if options.simplify_m:
         if sum(len(o.polygon.exterior.coords) for o in kept) > MAX_SIMPLIFIED_VERTICES:
