@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 # One BLAS thread: these matrices are small, and a second thread only spins on a core that the vehicle needs.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -22,6 +22,10 @@ from pydantic import TypeAdapter, ValidationError  # noqa: E402
 
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config  # noqa: E402
 from sandwich_sitl.errors import InputError, SandwichError  # noqa: E402
+from sandwich_sitl.yaml_document import dotted, first_problem, is_run_file, put  # noqa: E402
+
+if TYPE_CHECKING:
+    from sandwich_sitl.world.importers import ImportedWorld
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,10 +56,18 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("log", type=Path, metavar="RUN.mcap")
     replay.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a Rerun file instead of opening a window")
     replay.set_defaults(action=_replay)
-    world = commands.add_parser("world", help="read a map file, say what was read, draw it")
-    world.add_argument("file", type=Path, metavar="FILE", help="GeoJSON, .osm(.pbf), map_server .yaml, .map, WKT, CSV")
+    world = commands.add_parser("world", help="read a map, say what was read, draw it")
+    world.add_argument(
+        "file", type=Path, metavar="FILE", help="GeoJSON, .osm(.pbf), map_server .yaml, .map, WKT, CSV, a run's YAML"
+    )
     world.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where to write world.png")
-    world.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="an import option, as gap_m=1.5")
+    world.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="an import option, as gap_m=1.5; of a run's YAML any key",
+    )
     world.set_defaults(action=_world)
     config = commands.add_parser("config", help="check a configuration, or print the JSON Schema")
     config.add_argument(
@@ -182,19 +194,12 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 def _world(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.viewing.world_picture import draw_world
-    from sandwich_sitl.world.importers import ImportOptions, read_world
     from sandwich_sitl.world_report import world_report
 
-    try:
-        options = TypeAdapter(ImportOptions).validate_json(json.dumps(_overrides(arguments.set)))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"--set {key}: {first['msg']}") from error
-    imported = read_world(arguments.file, options)
+    imported, ends = _imported(arguments)
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)
-        draw_world(imported.world, arguments.out / "world.png")
+        draw_world(imported.world, arguments.out / "world.png", ends)
     except OSError as error:
         raise InputError(f"--out {arguments.out}: cannot be written ({error.strerror})") from error
     print(world_report(imported))
@@ -202,9 +207,31 @@ def _world(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _imported(arguments: argparse.Namespace) -> "tuple[ImportedWorld, tuple[tuple[float, float], ...]]":
+    """The world of a map file or of a run's configuration, and the run's start and goal."""
+    from sandwich_sitl.world.importers import ImportOptions, read_world
+    from sandwich_sitl.world.load import import_world
+
+    overrides = _overrides(arguments.set)
+    if is_run_file(arguments.file):
+        config = load_config(arguments.file, overrides)
+        return import_world(config.world, arguments.file), (config.start_m, config.goal_m)
+    data: dict[str, Any] = {}
+    try:
+        for key, value in overrides.items():
+            put(data, key, value)
+        options = TypeAdapter(ImportOptions).validate_json(json.dumps(data, default=str))
+    except InputError as error:
+        raise InputError(f"--set {error}") from error
+    except ValidationError as error:
+        loc, text = first_problem(error)
+        raise InputError(f"--set {dotted(loc)}: {text}") from error
+    return read_world(arguments.file, options), ()
+
+
 def _config(arguments: argparse.Namespace) -> int:
-    from sandwich_sitl.launcher import check_vehicle_section, whole_schema
-    from sandwich_sitl.world.load import load_world
+    from sandwich_sitl.launcher import check_vehicle_section, check_world, whole_schema
+    from sandwich_sitl.world_report import notices
 
     if arguments.schema:
         print(json.dumps(whole_schema(config_schema()), indent=2))
@@ -213,7 +240,8 @@ def _config(arguments: argparse.Namespace) -> int:
         raise InputError("config: give CONFIG to check, or --schema")
     config = load_config(arguments.config)
     check_vehicle_section(config, arguments.config)
-    load_world(config.world, arguments.config)
+    for notice in notices(check_world(config, arguments.config)):
+        print(notice, file=sys.stderr)
     print(yaml.safe_dump(config_as_dict(config), sort_keys=False), end="")
     return 0
 

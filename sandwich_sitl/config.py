@@ -14,18 +14,38 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.yaml_document import YamlDocument
+from sandwich_sitl.world_config import (
+    STRICT,
+    GeoOriginConfig,
+    ObstacleConfig,
+    PointM,
+    Positive,
+    WorldConfig,
+    for_vehicle,
+)
+from sandwich_sitl.yaml_document import YamlDocument, place
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-PointM = tuple[float, float]
-BoundsM = Annotated[tuple[float, float, float, float], Field(description="x_min, y_min, x_max, y_max in metres")]
+__all__ = [
+    "ClockConfig",
+    "GeoOriginConfig",
+    "LinkConfig",
+    "LoggingConfig",
+    "MissionConfig",
+    "MpcConfig",
+    "ObstacleConfig",
+    "PlannerConfig",
+    "RunConfig",
+    "WorldConfig",
+    "ZenohConfig",
+    "config_as_dict",
+    "config_schema",
+    "load_config",
+    "located",
+]
 
 
 def _whole_milliseconds(rate_hz: float) -> float:
@@ -35,35 +55,7 @@ def _whole_milliseconds(rate_hz: float) -> float:
     return rate_hz
 
 
-@dataclass(frozen=True, config=_STRICT)
-class ObstacleConfig:
-    """One obstacle of an inline world: exactly one of `polygon_m` and `circle_m`."""
-
-    name: str | None = None
-    polygon_m: Annotated[tuple[PointM, ...], Field(min_length=3)] | None = None
-    circle_m: Annotated[tuple[float, float, Positive], Field(description="centre x, centre y, radius")] | None = None
-    height_m: Positive | None = None
-
-
-@dataclass(frozen=True, config=_STRICT)
-class GeoOriginConfig:
-    """Where the ENU frame of a GeoJSON world has its origin (WGS84)."""
-
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
-
-
-@dataclass(frozen=True, config=_STRICT)
-class WorldConfig:
-    """Inline (`bounds_m` and `obstacles`) or a GeoJSON file (`geojson`, with optional `origin` and `bounds_m`)."""
-
-    bounds_m: BoundsM | None = None
-    obstacles: tuple[ObstacleConfig, ...] = ()
-    geojson: Annotated[str, Field(description="path, relative to the configuration file")] | None = None
-    origin: GeoOriginConfig | None = None
-
-
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class PlannerConfig:
     """Channel map, route and time law."""
 
@@ -78,7 +70,7 @@ class PlannerConfig:
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class MpcConfig:
     """Model predictive control of the quadruple integrator (paper, section V)."""
 
@@ -90,7 +82,7 @@ class MpcConfig:
     delay_s: Annotated[float, Field(ge=0, le=0.5, description="from a set-point to the motion it asks for")] = 0.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class MissionConfig:
     """Limits and deadlines of the mission, in seconds of the run's clock."""
 
@@ -107,7 +99,7 @@ class MissionConfig:
     ] = 10.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class LinkConfig:
     """MAVLink end point of the offboard process."""
 
@@ -119,7 +111,7 @@ class LinkConfig:
     loss_timeout_s: Annotated[float, Field(gt=0, description="silence after which the vehicle counts as lost")] = 2.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class ClockConfig:
     """`lockstep`: the vehicle advances one control period a setpoint. `realtime`: wall clock times `speed`."""
 
@@ -127,7 +119,7 @@ class ClockConfig:
     speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class LoggingConfig:
     """The MCAP log of a run."""
 
@@ -135,7 +127,7 @@ class LoggingConfig:
     horizon_hz: Positive = 10.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class ZenohConfig:
     """Debug streams. Loopback unless `listen` or `connect` says otherwise."""
 
@@ -145,7 +137,7 @@ class ZenohConfig:
     vehicle_name: str = "uav1"
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class RunConfig:
     """Everything a run depends on."""
 
@@ -185,9 +177,20 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     except ValueError as error:
         raise InputError(f"{path}: an alias (*name) refers to itself; write the values out") from error
     try:
-        return _ADAPTER.validate_json(text)
+        config = _ADAPTER.validate_json(text)
     except ValidationError as error:
         raise InputError(document.describe(error)) from error
+    planner = config.planner
+    return dataclasses.replace(config, world=for_vehicle(config.world, planner.vehicle_radius_m, planner.margin_m))
+
+
+def located(config: RunConfig, path: Path, problem: str) -> str:
+    """A problem that begins with its key ("start_m: ..."), with the file and the key's line before it."""
+    key = problem.partition(":")[0]
+    value: Any = config_as_dict(config)
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, dict) else None
+    return f"{place(path, key, value)}: {problem}"
 
 
 def config_schema() -> dict[str, Any]:

@@ -4,10 +4,18 @@ A message says what was wrong, where, and what would be right; `exit_status` is 
 """
 
 
+def printable(text: str) -> str:
+    """The text with control characters written out, so that a file can neither move the cursor nor add lines."""
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+
+
 class SandwichError(Exception):
-    """Base of all deliberate errors; the command line prints the message as one line."""
+    """Base of all deliberate errors; the message is one line that can be printed, whatever a damaged file put into it."""
 
     exit_status = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class InputError(SandwichError):

@@ -19,10 +19,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from sandwich_sitl.config import RunConfig, config_as_dict
+from sandwich_sitl.config import RunConfig, config_as_dict, located
 from sandwich_sitl.errors import InputError, LinkError
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.planning.plan import check_ends, plan_flight
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.recording.merge import merge_logs
 from sandwich_sitl.recording.reader import RunLog
@@ -32,7 +32,10 @@ from sandwich_sitl.recording.summary import SAFETY_VIOLATION, summarise
 from sandwich_sitl.run import FlightResult, Observers, fly
 from sandwich_sitl.signals import StopRequests
 from sandwich_sitl.viewing.live import live_command
-from sandwich_sitl.world.load import load_world
+from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.importers import ImportedWorld
+from sandwich_sitl.world.load import import_world
+from sandwich_sitl.world_report import notices
 from vehicle_sim.config import parse_vehicle_section, vehicle_schema
 from vehicle_sim.errors import VehicleError
 
@@ -58,6 +61,20 @@ def check_vehicle_section(config: RunConfig, config_path: Path) -> None:
         raise InputError(str(error)) from error
 
 
+def check_world(config: RunConfig, config_path: Path) -> ImportedWorld:
+    """Read the world; raise `InputError` when it cannot be, or when start or goal lies outside it or inside an obstacle."""
+    imported = import_world(config.world, config_path)
+    world = imported.world
+    given = GrownWorld(
+        world.bounds_m, tuple(o.polygon for o in world.obstacles), tuple(o.name for o in world.obstacles)
+    )
+    try:
+        check_ends(config, given)
+    except InputError as error:
+        raise InputError(located(config, config_path, str(error))) from error
+    return imported
+
+
 def whole_schema(offboard_schema: dict[str, Any]) -> dict[str, Any]:
     """The run file's JSON Schema with the vehicle's section in its place."""
     vehicle = vehicle_schema()
@@ -68,7 +85,9 @@ def whole_schema(offboard_schema: dict[str, Any]) -> dict[str, Any]:
 
 def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> FlightPlan:
     """Plan with the wall time of each stage noted. Errors name the configuration file."""
-    world = load_world(config.world, config_path)
+    imported = import_world(config.world, config_path)
+    for notice in notices(imported):
+        progress.note(notice)
     stages: list[tuple[str, float]] = []
 
     def on_stage(name: str) -> None:
@@ -76,9 +95,9 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
         progress.stage(name)
 
     try:
-        plan = plan_flight(config, world, on_stage)
+        plan = plan_flight(config, imported.world, on_stage)
     except InputError as error:
-        raise InputError(f"{config_path}: {error}") from error
+        raise InputError(located(config, config_path, str(error))) from error
     if plan.channel_map.lost:
         area = sum(lost.area_m2 for lost in plan.channel_map.lost)
         names = ", ".join(lost.name for lost in plan.channel_map.lost)

@@ -33,6 +33,7 @@ def world_report(imported: ImportedWorld) -> str:
     if heights:
         lines.append(f"heights   {len(heights)} known, {min(heights):.1f} to {max(heights):.1f} m")
     for title, notes in (
+        ("outside", tuple(Note(name, "lies wholly outside the bounds") for name in report.outside_names)),
         ("repaired", report.repaired),
         ("dropped", report.dropped),
         ("courtyard", report.courtyards),
@@ -40,6 +41,22 @@ def world_report(imported: ImportedWorld) -> str:
     ):
         lines += _listed(title, notes)
     return "\n".join(lines)
+
+
+def notices(imported: ImportedWorld) -> list[str]:
+    """What a person who flies in this world must know: a line for each way in which it is not the map as given."""
+    report = imported.report
+    kinds = (
+        (report.outside, report.outside_names, "wholly outside the bounds, left out"),
+        (len(report.repaired), tuple(note.name for note in report.repaired), "repaired"),
+        (len(report.dropped), tuple(note.name for note in report.dropped), "not usable, left out"),
+    )
+    return [
+        f"world: {count} {'shape' if count == 1 else 'shapes'} {what}"
+        f" ({', '.join([*names[:3], *(['...'] if count > 3 else [])])})"
+        for count, names, what in kinds
+        if names
+    ]
 
 
 def cover(world: World) -> float:

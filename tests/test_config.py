@@ -10,7 +10,8 @@ import yaml
 
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.launcher import make_plan
+from sandwich_sitl.progress import Progress
 from sandwich_sitl.world.load import load_world
 
 CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))
@@ -30,6 +31,11 @@ planner:
 """
 
 
+BOMB = "a: &a {x: 1}\n" + "".join(
+    f"{chr(98 + k)}: &{chr(98 + k)} [{', '.join(['*' + chr(97 + k)] * 9)}]\n" for k in range(9)
+)
+
+
 def written(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "flight.yaml"
     path.write_text(text, encoding="utf-8")
@@ -38,8 +44,7 @@ def written(tmp_path: Path, text: str) -> Path:
 
 def planned(path: Path) -> None:
     """Read the file, build its world, plan its flight."""
-    config = load_config(path)
-    plan_flight(config, load_world(config.world, path), lambda _: None)
+    make_plan(load_config(path), path, Progress())
 
 
 def complaint(path: Path) -> str:
@@ -98,38 +103,67 @@ def test_bad_value_is_named_with_file_line_key_and_fix(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "line", "words"),
     [
-        ("[25, 10], [25, 20]", "[25, 20], [25, 10]", ("world.obstacles[0].polygon_m", "'box'", "in order")),
+        ("[25, 10], [25, 20]", "[25, 20], [25, 10]", 4, ("world.obstacles[0].polygon_m", "'box'", "in order")),
         (
             "[[15, 10], [25, 10], [25, 20], [15, 20]]",
             "[[15, 10], [20, 10], [25, 10]]",
-            ("world.obstacles[0].polygon_m", "'box'"),
+            4,
+            ("world.obstacles[0].polygon_m", "'box'", "not a simple polygon"),
         ),
-        ("name: box,", "name: box, circle_m: [3, 3, 1],", ("world.obstacles[0]", "exactly one of")),
-        ("polygon_m: [[15, 10], [25, 10], [25, 20], [15, 20]]", "height_m: 3", ("world.obstacles[0]", "exactly one")),
-        ("[0, 0, 40, 30]", "[40, 0, 0, 30]", ("world.bounds_m", "has no area", "x_min")),
-        ("  bounds_m: [0, 0, 40, 30]\n", "", ("world", "neither bounds_m nor geojson")),
-        ("start_m: [4, 15]", "start_m: [20, 15]", ("start_m: (20, 15)", "inside obstacle 'box'", "move it")),
-        ("start_m: [4, 15]", "start_m: [14.5, 15]", ("start_m: (14.5, 15)", "'box' grown by 1 m", "margin_m")),
-        ("goal_m: [36, 15]", "goal_m: [41, 15]", ("goal_m: (41, 15)", "outside the world", "move it inside")),
-        ("world:\n", "world:\n  geojson: city.geojson\n", ("world", "both geojson and obstacles", "keep one")),
+        ("name: box,", "name: box, circle_m: [3, 3, 1],", 4, ("world.obstacles[0]:", "exactly one of")),
+        (
+            "polygon_m: [[15, 10], [25, 10], [25, 20], [15, 20]]",
+            "height_m: 3",
+            4,
+            ("world.obstacles[0]:", "exactly one"),
+        ),
+        ("[25, 10], [25, 20]", "[1e200, 10], [25, 20]", 4, ("polygon_m[1][0]", "valid number", "write 1.0e+200")),
+        ("[25, 10], [25, 20]", "[1.0e+200, 10], [25, 20]", 4, ("polygon_m[1][0]", "less than or equal to 10000000")),
+        ("[0, 0, 40, 30]", "[40, 0, 0, 30]", 2, ("world.bounds_m", "has no area", "x_min")),
+        ("  bounds_m: [0, 0, 40, 30]\n", "", 1, ("world:", "neither bounds_m nor file")),
+        ("start_m: [4, 15]", "start_m: [20, 15]", 5, ("start_m: (20, 15)", "inside obstacle 'box'", "move it")),
+        ("start_m: [4, 15]", "start_m: [14.5, 15]", 5, ("start_m: (14.5, 15)", "'box' grown by 1 m", "margin_m")),
+        ("goal_m: [36, 15]", "goal_m: [41, 15]", 6, ("goal_m: (41, 15)", "outside the world", "move it inside")),
+        ("  cell_m: 2.0", "  cell_m: 0.001", 11, ("planner.cell_m: 0.001", "use at least")),
+        ("world:\n", "world:\n  file: city.geojson\n", 1, ("world:", "both file and obstacles", "keep one")),
         (
             "world:\n",
             "world:\n  origin: {latitude_deg: 50, longitude_deg: 14}\n",
-            ("world.origin", "geojson", "remove it"),
+            2,
+            ("world.origin", "belongs to the map of a file", "remove it"),
         ),
+        ("world:\n", "world:\n  where: {building: yes}\n", 2, ("world.where.building", "in quotes", "true")),
+        ("world:\n", "world:\n  clearance_m: -1\n", 2, ("world.clearance_m", "greater than or equal to 0")),
+        ("world:\n", "world:\n  geojson: town.geojson\n", 2, ("world.geojson", "not a known key")),
+        ("  cell_m: 2.0", "  cell_m: 2e0", 11, ("planner.cell_m", "YAML 1.1 reads as text", "write 2.0")),
     ],
 )
-def test_bad_world_is_named_with_key_and_fix(tmp_path: Path, old: str, new: str, words: tuple[str, ...]) -> None:
+def test_bad_world_is_named_with_line_key_and_fix(
+    tmp_path: Path, old: str, new: str, line: int, words: tuple[str, ...]
+) -> None:
     assert GOOD.count(old) == 1
     path = written(tmp_path, GOOD.replace(old, new))
     message = complaint(path)
+    assert message.startswith(f"{path}:{line}: ")
     assert "\n" not in message
     for word in words:
         assert word in message
-    if "world" in words[0]:
-        assert message.startswith(f"{path}: ")
+
+
+def test_an_overridden_value_has_no_line(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD)
+    with pytest.raises(InputError) as caught:
+        make_plan(load_config(path, {"start_m": [20, 15]}), path, Progress())
+    assert str(caught.value).startswith(f"{path}: start_m: (20, 15)")
+
+
+@pytest.mark.parametrize("number", ["1e9", "1.0e9", "-3e-7", "1e22", "6.02e23"])
+def test_the_number_that_is_advised_is_one(tmp_path: Path, number: str) -> None:
+    message = complaint(written(tmp_path, GOOD.replace("altitude_m: 8", f"altitude_m: {number}")))
+    advised = message.rpartition("write ")[2]
+    assert yaml.safe_load(advised) == float(number)
 
 
 @pytest.mark.parametrize(
@@ -143,6 +177,11 @@ def test_bad_world_is_named_with_key_and_fix(tmp_path: Path, old: str, new: str,
         ("a: \x01", "not valid YAML"),
         ("a: *nowhere", "not valid YAML"),
         ("a: &a [*a]", "refers to itself"),
+        ("a: " + "[" * 20_000, "nests too deep"),
+        ("a: 2001-99-99", "not valid YAML"),
+        (BOMB.replace("[", "{<<: [").replace("]", "]}"), "stand for more than"),
+        (BOMB, "stand for more than"),
+        ("a: '" + "x" * 5_000_000 + "'", "put its world into a map file"),
     ],
 )
 def test_file_that_is_no_configuration(tmp_path: Path, text: str, words: str) -> None:

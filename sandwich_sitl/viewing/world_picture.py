@@ -16,11 +16,12 @@ DPI = 160
 _WIDTH_IN = 10.0
 _UNKNOWN_HEIGHT = "#8b8f98"
 _BOUNDS = "#d62f2f"
+_ENDS = "#12519c"
 _FREE = "#fbfbf8"
 
 
-def draw_world(world: World, path: Path) -> None:
-    """Write the picture as PNG. Raises `InputError` when `path` cannot be written."""
+def draw_world(world: World, path: Path, ends: tuple[tuple[float, float], ...] = ()) -> None:
+    """Write the picture as PNG, with a mark at each of `ends` (start and goal). Raises `InputError` when `path` cannot be written."""
     x_min, y_min, x_max, y_max = world.bounds_m
     width, height = x_max - x_min, y_max - y_min
     figure = Figure(
@@ -39,6 +40,10 @@ def draw_world(world: World, path: Path) -> None:
             collection.set(array=np.array([o.height_m for o in known]), cmap="viridis_r")
             figure.colorbar(collection, ax=axes, label="height [m]", shrink=0.7)
     axes.add_patch(Rectangle((x_min, y_min), width, height, fill=False, edgecolor=_BOUNDS, linewidth=1.2, zorder=3))
+    if ends:
+        axes.plot(*zip(*ends, strict=True), "o", color=_ENDS, markersize=7, zorder=4)
+        for name, point in zip(("start", "goal"), ends, strict=True):
+            axes.annotate(name, point, xytext=(7, 7), textcoords="offset points", color=_ENDS, zorder=4)
     pad = 0.03 * max(width, height)
     axes.set(
         xlim=(x_min - pad, x_max + pad),

@@ -65,7 +65,7 @@ def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
     return GrownWorld(
         bounds_m=world.bounds_m,
         polygons=tuple(parts),
-        names=tuple(_names(part, world) for part in parts),
+        names=tuple(_names(part, world, shapes) for part in parts),
     )
 
 
@@ -98,5 +98,7 @@ def _filled(geometry: shapely.Geometry) -> list[Polygon]:
     return _polygons(shapely.union_all([Polygon(part.exterior) for part in _polygons(geometry)]))
 
 
-def _names(part: Polygon, world: World) -> str:
-    return "+".join(o.name for o in world.obstacles if o.polygon.intersects(part)) or "margin"
+def _names(part: Polygon, world: World, grown: Sequence[BaseGeometry]) -> str:
+    """Sources of a part, those beside the border too."""
+    near = shapely.intersects(np.array(grown), part)
+    return "+".join(o.name for o, touches in zip(world.obstacles, near, strict=True) if touches) or "margin"

@@ -128,3 +128,11 @@ def test_simplifying_a_fine_circle_leaves_few_corners() -> None:
     radii = np.hypot(*np.array(simple.exterior.coords).T)
     assert radii.max() < 10.3
     assert shapely.Point(0, 0).distance(simple.exterior) >= 10.0 * np.cos(np.pi / 256) - 1e-9
+
+
+def test_an_obstacle_beside_the_border_is_felt_inside_it() -> None:
+    world = World((0, 0, 20, 20), (Obstacle("beside", box(-3, 5, -0.2, 15)), Obstacle("far", box(-9, 5, -5, 15))))
+    grown = grow(world, 1.0, 0.1)
+    assert grown.names == ("beside",)
+    assert grown.blocker((0.7, 10.0)) == "beside"
+    assert grown.blocker((0.9, 10.0)) is None

@@ -1,16 +1,22 @@
 """ROS map_server and MovingAI files: what each pixel means, and one line for every file that cannot be used."""
 
+import math
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.ndimage
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers import ImportOptions, read_world
 from sandwich_sitl.world.importers.ros_map import read_ros_map
+from sandwich_sitl.world.world import World
 
 GREY = np.array([[0, 255, 205], [254, 100, 255]], dtype=np.uint8)
 
@@ -77,6 +83,82 @@ def test_place_scale_and_unknown_cells(tmp_path: Path) -> None:
     assert (both.report.grid.occupied_cells, both.report.grid.unknown_cells) == (1, 1)
 
 
+def test_numbers_of_yaml_1_2_are_numbers(tmp_path: Path) -> None:
+    grid = read_ros_map(ros(tmp_path, resolution="5e-1", origin="[1e0, 2e0, 1e-1]"))
+    assert (grid.cell_m, grid.origin_m, grid.yaw_rad) == (0.5, (1.0, 2.0), 0.1)
+
+
+def raster(world: World, corners: NDArray[np.float64], size_m: float) -> NDArray[np.bool_]:
+    """Whether the middles of little squares, of given lower left corners (..., 2), lie in an obstacle."""
+    x, y = (corners + size_m / 2).reshape(-1, 2).T
+    solid = shapely.union_all([o.polygon for o in world.obstacles])
+    shapely.prepare(solid)
+    return np.asarray(shapely.contains_xy(solid, x, y)).reshape(corners.shape[:-1])
+
+
+def blobs(rng: np.random.Generator, count: int, smooth: float) -> NDArray[np.bool_]:
+    noise = scipy.ndimage.gaussian_filter(rng.normal(size=(count, count)), smooth)
+    solid = noise > 0.15 * noise.std()
+    solid[count // 2, count // 2] = False
+    return np.asarray(solid, dtype=bool)
+
+
+def rooms_with_a_slanted_passage(rng: np.random.Generator, count: int) -> NDArray[np.bool_]:
+    """Steps on both of its sides, where chords over them could meet."""
+    row, column = np.mgrid[0:count, 0:count] - (count - 1) / 2
+    passage = np.abs(row - rng.uniform(-1, 1) * column - rng.uniform(-1, 1)) < rng.uniform(0.5, 3.5)
+    return ~(passage | (np.abs(column) > count / 4))
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    smooth=st.sampled_from([None, None, 0.0, 0.8, 1.5, 2.5]),
+    gap=st.sampled_from([1.0, 1.7, 2.5, 4.0]),
+    yaw=st.sampled_from([0.0, 0.4, -2.0, math.pi]),
+    negate=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_against_a_raster(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, smooth: float | None, gap: float, yaw: float, negate: bool
+) -> None:
+    """Brute force on squares of a sixteenth of a pixel, each placed by hand: no obstacle pixel is lost, no free one far from
+    obstacles is taken, and a disc as wide as the gap still gets from room to room, and nowhere new."""
+    fine, cell_m, count = 16, 0.25, 24
+    rng = np.random.default_rng(seed)
+    solid = rooms_with_a_slanted_passage(rng, count) if smooth is None else blobs(rng, count, smooth)
+    pixels = np.where(solid[::-1] != negate, 0, 255).astype(np.uint8)
+    origin = rng.uniform(-50, 50, 2)
+    path = ros(
+        tmp_path_factory.mktemp("raster"), pixels, resolution=cell_m, origin=[*origin.tolist(), yaw], negate=int(negate)
+    )
+    world = read_world(path, ImportOptions(unknown_is_free=True, gap_m=gap * cell_m)).world
+    row, column = np.mgrid[0 : fine * count, 0 : fine * count] / fine
+    middle = np.stack([column, row], axis=-1) + 0.5 / fine
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    after = raster(world, origin + cell_m * (middle @ turn) - 0.5 * cell_m / fine, cell_m / fine)
+    label, _ = scipy.ndimage.label(~solid)
+    meant = np.bincount(label[label > 0]).argmax()
+    inside = np.kron(label == meant, np.ones((fine, fine), dtype=bool))
+    before = np.kron(solid, np.ones((fine, fine), dtype=bool))
+    seen = shapely.contains_xy(
+        shapely.box(*world.bounds_m), *(origin + cell_m * (middle @ turn)).reshape(-1, 2).T
+    ).reshape(before.shape)
+    assert not (before & ~after & seen).any()
+    far = scipy.ndimage.distance_transform_edt(~before) > fine + 1
+    assert not (inside & far & after).any()
+    # What the raster cannot tell: half a diagonal of a square, for the disc's middle and for the obstacle.
+    blur = 1.5
+    radius = gap * fine / 2
+    rooms_before, found = scipy.ndimage.label(inside & (scipy.ndimage.distance_transform_edt(~before) > radius + blur))
+    open_after = inside & (scipy.ndimage.distance_transform_edt(~after) > radius - blur)
+    rooms_after, _ = scipy.ndimage.label(open_after, np.ones((3, 3)))
+    for room in range(1, found + 1):
+        deep = (rooms_before == room) & (scipy.ndimage.distance_transform_edt(~before) > radius + fine + blur)
+        homes = np.unique(rooms_after[deep])
+        assert 0 not in homes
+        assert len(homes) <= 1, "a passage was closed"
+
+
 def test_renamed_image_is_found_and_said(tmp_path: Path) -> None:
     remarks = read_world(ros(tmp_path) and ros(tmp_path, None, name="lost.pgm")).report.remarks
     assert "lost.pgm is missing; took m.pgm" in remarks[0].reason
@@ -127,7 +209,11 @@ def test_more_data_than_declared_is_never_unpacked(tmp_path: Path) -> None:
     [
         ({"resolution": 0}, "resolution: must be"),
         ({"resolution": ".nan"}, "resolution: must be"),
+        ({"resolution": "1e-320"}, "resolution: must be"),
         ({"resolution": "wide"}, "resolution: must be"),
+        ({"resolution": "1e400"}, "resolution: must be"),
+        ({"resolution": "9" * 400}, "resolution: must be"),
+        ({"origin": [0, 0, "north"]}, "origin: must be"),
         ({"resolution": None}, "resolution: must be"),
         ({"origin": [0, 0]}, "origin: must be"),
         ({"origin": "[0, 0, .inf]"}, "origin: must be"),

@@ -8,11 +8,13 @@ import numpy as np
 import osmium
 import pytest
 import shapely
+from pydantic import ValidationError
 
+from sandwich_sitl.config import GeoOriginConfig
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.viewing.world_picture import draw_world
-from sandwich_sitl.world.importers import ImportOptions, limits, osm, read_world, shapes
-from sandwich_sitl.world.importers.heights import height_m
+from sandwich_sitl.world.importers import ImportOptions, limits, osm, read_world, shapes, text_shapes
+from sandwich_sitl.world.importers.tags import height_m
 from sandwich_sitl.world.world import GeoOrigin
 from sandwich_sitl.world_report import cover, world_report
 
@@ -54,7 +56,7 @@ def test_parts_holes_heights_and_filter(tmp_path: Path) -> None:
         feature([degrees(ROMB, 16)], name="odd", building="yes", height="tall"),
         {"type": "Feature", "properties": {"building": "yes"}, "geometry": None},
     )
-    imported = read_world(path, ImportOptions(where=(("building", "yes"),), storey_m=3.0))
+    imported = read_world(path, ImportOptions(where={"building": "yes"}, storey_m=3.0))
     world, report = imported.world, imported.report
     assert [(o.name, o.height_m) for o in world.obstacles] == [
         ("court", 12),
@@ -84,7 +86,7 @@ def test_window_bounds_and_origin(tmp_path: Path) -> None:
     assert y_max - y_min == pytest.approx(4 * STEP * 111_229, rel=1e-3)  # a degree of latitude at 50 degrees north
     assert x_max - x_min == pytest.approx(4 * STEP * 71_550, rel=1e-3)
     assert imported.world.origin == GeoOrigin(pytest.approx(50.1 + STEP), pytest.approx(14.4 + STEP))
-    fixed = read_world(path, ImportOptions(origin=GeoOrigin(50.1, 14.4), bounds_m=(-5, -5, 50, 50)))
+    fixed = read_world(path, ImportOptions(origin=GeoOriginConfig(50.1, 14.4), bounds_m=(-5, -5, 50, 50)))
     assert fixed.world.bounds_m == (-5, -5, 50, 50)
     assert fixed.report.outside == 1
     with pytest.raises(InputError, match="1 lie outside the window"):
@@ -92,7 +94,7 @@ def test_window_bounds_and_origin(tmp_path: Path) -> None:
 
 
 def test_a_map_without_shapes_is_open_ground_where_bounds_say_so(tmp_path: Path) -> None:
-    world = read_world(geojson(tmp_path), ImportOptions(origin=GeoOrigin(50, 14), bounds_m=(0, 0, 5, 5))).world
+    world = read_world(geojson(tmp_path), ImportOptions(origin=GeoOriginConfig(50, 14), bounds_m=(0, 0, 5, 5))).world
     assert (world.obstacles, world.bounds_m, world.origin) == ((), (0, 0, 5, 5), GeoOrigin(50, 14))
 
 
@@ -153,6 +155,7 @@ def test_bad_geojson(tmp_path: Path, features: list[Any], members: dict[str, Any
         ("a.unknown", b"hello", "is no known map"),
         ("a.osm", b"<?xml version='1.0'?><osm version='0.6'><node id='1'", "is no complete OpenStreetMap"),
         ("a.osm", b"<!DOCTYPE o [<!ENTITY a 'aa'>]><osm version='0.6'>&a;</osm>", "is no complete OpenStreetMap"),
+        ("a.osm", b"<osm version='0.6'><node id='1e400' lat='1' lon='1'/></osm>", "illegal id: '1e400'"),
         ("a.osm.pbf", b"\x00\x00\x00\x0dgarbage", "is no complete OpenStreetMap"),
         ("a.wkt", b"POLYGON ((0 0, 1 0", "line 1: is not WKT"),
         ("a.wkt", b"POLYGON ((0 0, 1 0, 1 1, 0 0))\nPOLYGON ((0 0))", "line 2: is not WKT"),
@@ -190,7 +193,7 @@ def test_missing_files_limits_and_options(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(InputError, match="give bounds_m instead"):
         read_world(path, ImportOptions(window_deg=(0, 0, 1, 1)))
     with pytest.raises(InputError, match="remove the filter"):
-        read_world(path, ImportOptions(where=(("a", "b"),)))
+        read_world(path, ImportOptions(where={"a": "b"}))
     for name, value in (("MAX_SHAPES", 2), ("MAX_VERTICES", 10)):
         with monkeypatch.context() as patch:
             patch.setattr(shapes, name, value)
@@ -206,7 +209,7 @@ def test_missing_files_limits_and_options(tmp_path: Path, monkeypatch: pytest.Mo
         {"simplify_m": float("nan")},
         {"passable": ""},
     ):
-        with pytest.raises(InputError):
+        with pytest.raises(ValidationError):
             ImportOptions(**bad)  # type: ignore[arg-type]
 
 
@@ -233,12 +236,15 @@ def test_csv_of_corners_and_of_wkt(tmp_path: Path) -> None:
     assert [o.name for o in read_world(path).world.obstacles] == ["hall"]
 
 
-def test_vectors_are_simplified_when_asked(tmp_path: Path) -> None:
+def test_vectors_are_simplified_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.wkt"
     path.write_text("POLYGON ((0 0, 9 0, 9 5, 5 5, 4.5 4.9, 4 5, 0 5, 0 0))")
     (obstacle,) = read_world(path, ImportOptions(simplify_m=0.2)).world.obstacles
     assert obstacle.polygon.area == pytest.approx(45)
     assert read_world(path).report.vertices == 7
+    monkeypatch.setattr(shapes, "MAX_SIMPLIFIED_VERTICES", 7)
+    with pytest.raises(InputError, match="more than 7 corners to simplify"):
+        read_world(path, ImportOptions(simplify_m=0.2))
 
 
 def node(number: int, x: float, y: float) -> osmium.osm.mutable.Node:
@@ -286,7 +292,7 @@ def test_osm_buildings(tmp_path: Path, name: str) -> None:
     assert [note.name for note in report.courtyards] == ["relation 9"]
     assert [note.name for note in report.repaired] == ["way 6"]
     assert report.filtered == 1
-    halls = read_world(tmp_path / name, ImportOptions(where=(("building", "hall"),)))
+    halls = read_world(tmp_path / name, ImportOptions(where={"building": "hall"}))
     assert [o.name for o in halls.world.obstacles] == ["way 1"]
 
 
@@ -339,3 +345,52 @@ def test_cover_counts_overlaps_once(tmp_path: Path) -> None:
     path = tmp_path / "a.wkt"
     path.write_text("POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0))\nPOLYGON ((1 0, 3 0, 3 2, 1 2, 1 0))\n")
     assert cover(read_world(path, ImportOptions(bounds_m=(0, 0, 2, 4))).world) == pytest.approx(0.5)
+
+
+def test_a_zero_byte_in_a_tag_ends_in_one_error(tmp_path: Path) -> None:
+    """libosmium keeps strings up to their zero byte: it reads past its memory and may end its process."""
+    path = tmp_path / "a.osm.pbf"
+    extract(tmp_path / "whole.osm.pbf")
+    with osmium.SimpleWriter(osmium.io.File(str(path), "pbf,pbf_compression=none")) as writer:
+        for item in osmium.FileProcessor(str(tmp_path / "whole.osm.pbf")):
+            writer.add(item)
+    data = path.read_bytes()
+    assert b"building:levels" in data
+    path.write_bytes(data.replace(b"building:levels", b"building\0levels"))
+    with pytest.raises(InputError, match=r"a\.osm\.pbf: is no .*OpenStreetMap extract"):
+        read_world(path)
+
+
+def test_rows_are_counted_while_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("name,x,y\n" + "".join(f"{k},0,0\n" for k in range(9)))
+    for name, value, line in (("MAX_SHAPES", 4, 6), ("MAX_VERTICES", 6, 8)):
+        with monkeypatch.context() as patch:
+            patch.setattr(text_shapes, name, value)
+            with pytest.raises(InputError, match=f"line {line}: has more than"):
+                read_world(path)
+
+
+def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = extract(tmp_path / "a.osm")
+    monkeypatch.setattr(osm, "MAX_OSM_S", 0.01)
+    with pytest.raises(InputError, match=r"a\.osm: takes more than 0\.01 s"):
+        read_world(path)
+
+
+def test_control_characters_of_a_file_are_written_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.wkt"
+    path.write_bytes(b"POLYGON ((0 0, 1 0, 1\x1b[2J 1, 0 0))")
+    with pytest.raises(InputError, match=r"\\x1b\[2J") as caught:
+        read_world(path)
+    assert str(caught.value).isprintable()
+    imported = read_world(geojson(tmp_path, feature([degrees(ROMB)], name="a\x1b[2J\nb", height="\x07")))
+    assert [o.name for o in imported.world.obstacles] == ["a\\x1b[2J\\nb"]
+    assert all(line.isprintable() for line in world_report(imported).split("\n"))
+
+
+def test_numbers_beyond_the_floats_are_no_map(tmp_path: Path) -> None:
+    path = tmp_path / "a.wkt"
+    path.write_text("POLYGON ((0 0, 1e400 0, 1 1, 0 0))")
+    with pytest.raises(InputError, match="finite number"):
+        read_world(path)

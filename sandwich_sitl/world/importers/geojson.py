@@ -12,10 +12,10 @@ import shapely
 from shapely.geometry import shape
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.heights import height_m
 from sandwich_sitl.world.importers.limits import read_text
-from sandwich_sitl.world.importers.options import ImportOptions
 from sandwich_sitl.world.importers.shapes import ShapeList
+from sandwich_sitl.world.importers.tags import height_m, matches
+from sandwich_sitl.world_config import ImportOptions
 
 _WGS84 = ("crs84", "epsg:4326", "epsg::4326")
 
@@ -58,7 +58,7 @@ def _read_feature(feature: Any, where: str, index: int, options: ImportOptions, 
     if not isinstance(properties, dict):
         raise InputError(f"{where}.properties: must be a mapping such as {{'name': 'hall', 'height': 12}}")
     name = str(properties.get("name") or feature.get("id") or f"feature{index + 1}")
-    if any(str(properties.get(key)) != value for key, value in options.where):
+    if not matches(properties, options.where):
         found.read += 1
         found.filtered += 1
         return
@@ -67,7 +67,7 @@ def _read_feature(feature: Any, where: str, index: int, options: ImportOptions, 
         found.drop(name, "has no geometry")
         return
     try:
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             geometry = shape(feature["geometry"])
     except (shapely.errors.ShapelyError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{where}.geometry: cannot be read ({error}); give a Polygon or MultiPolygon") from error

@@ -14,16 +14,16 @@ import numpy as np
 import scipy.ndimage
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon, affinity, box
+from shapely import Polygon, affinity, box
 
-from sandwich_sitl.errors import InputError
+from sandwich_sitl.errors import InputError, printable
 from sandwich_sitl.world.grow import mitred
 from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_GRID_CELLS
 from sandwich_sitl.world.importers.notches import fill_notches
-from sandwich_sitl.world.importers.options import Box, ImportOptions
 from sandwich_sitl.world.importers.outline import outlines, without_holes
 from sandwich_sitl.world.importers.result import GridFacts, ImportedWorld, ImportReport, Note
-from sandwich_sitl.world.world import Obstacle, World
+from sandwich_sitl.world.world import Obstacle, World, matter
+from sandwich_sitl.world_config import Box, ImportOptions
 
 Cells = NDArray[np.bool_]
 
@@ -68,15 +68,15 @@ def grid_world(grid: Grid, file_format: str, options: ImportOptions) -> Imported
     pieces = [piece for outline in outlines(grid.source, obstructed | enclosed) for piece in without_holes(outline)]
     tolerance = _SUB_CELL if options.simplify_m is None else options.simplify_m / grid.cell_m
     corners = sum(len(piece.exterior.coords) - 1 for piece in pieces)
-    simple = fill_notches(pieces, tolerance, options.gap_m / grid.cell_m) if tolerance > 0 else pieces
+    simple = fill_notches(pieces, tolerance, options.kept_gap_m / grid.cell_m) if tolerance > 0 else pieces
     placed = [grid.placed(piece) for piece in simple]
-    if grid.yaw_rad and not options.unknown_is_free:
-        placed += _outside(grid)
-    bounds = options.bounds_m or _bounds(grid, meant, placed, options.clearance_m)
-    inside = shapely.intersects(placed, box(*bounds)) if placed else np.empty(0, bool)
+    if not options.unknown_is_free:
+        placed += _outside(grid, options.bounds_m)
+    bounds = options.bounds_m or _bounds(grid, meant, placed, options.clearance_m or 0.0)
+    inside = matter(placed, bounds, options.clearance_m or 0.0)
     kept = [polygon for polygon, keep in zip(placed, inside, strict=True) if keep]
     digits = len(str(len(kept)))
-    remarks = [Note("grid", text) for text in grid.remarks]
+    remarks = [Note("grid", printable(text)) for text in grid.remarks]
     remarks.append(
         Note("outlines", f"{corners} corners of cells became {sum(len(p.exterior.coords) - 1 for p in simple)}")
     )
@@ -134,13 +134,14 @@ def _bounds(grid: Grid, meant: Cells, placed: list[Polygon], clearance_m: float)
     return (x_min, y_min, x_max, y_max)
 
 
-def _outside(grid: Grid) -> list[Polygon]:
-    """What a turned image leaves uncovered of the rectangle round it: unknown ground."""
+def _outside(grid: Grid, bounds: Box | None) -> list[Polygon]:
+    """What the image leaves uncovered of the bounds, or of the rectangle round a turned image: unknown ground."""
     rows, columns = grid.solid.shape
     image = grid.placed(box(0, 0, columns, rows))
-    rest = box(*image.bounds).difference(image)
-    assert isinstance(rest, Polygon | MultiPolygon)
-    return [Polygon(part.exterior) for part in shapely.get_parts(rest) if part.area > 0]
+    rest = shapely.get_parts(box(*(bounds or image.bounds)).difference(image))
+    # Rounding leaves hairs beside an image that is not turned.
+    wide = [part for part in rest if isinstance(part, Polygon) and not part.buffer(-1e-6 * grid.cell_m).is_empty]
+    return [piece for part in wide for piece in without_holes(part)]
 
 
 def _enclosed_notes(grid: Grid, enclosed: Cells) -> tuple[Note, ...]:

@@ -1,6 +1,7 @@
 """MovingAI grid maps (movingai.com/benchmarks/formats.html): `type`, `height`, `width`, `map`, then a row a line.
 
-The first line is the northernmost row. Terrain: `.` `G` ground, `S` swamp, `W` water, `T` trees, `@` `O` out of bounds.
+The first line is the northernmost row, so that column x and line y of a benchmark's query are the point
+((x + 0.5) cell_m, (height - y - 0.5) cell_m). Terrain: `.` `G` ground, `S` swamp, `W` water, `T` trees, `@` `O` out of bounds.
 """
 
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.grid import Grid, check_size
 from sandwich_sitl.world.importers.limits import read_text
-from sandwich_sitl.world.importers.options import ImportOptions
+from sandwich_sitl.world_config import ImportOptions
 
 _TERRAIN = frozenset(".GSWT@O")
 

@@ -13,11 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 Point = tuple[float, float]
 Ring = list[Point]
+Polygons = NDArray[np.object_]
 
 _LONGEST_CHAIN = 200  # corners; bounds the work on outlines that curl
 _TURN = math.pi / 2  # a chain's corners stay this near to the direction in which it sets out
@@ -98,16 +100,24 @@ def _undisturbed(
     chains = [(rings[i] + rings[i][:1])[first : last + 1] for i, first, last in chords]
     outer = np.array([Polygon(_rectangle(chain[0], chain[-1], depth)) for chain in chains])
     disturbed = np.zeros(len(chords), dtype=bool)
-    disturbed[shapely.STRtree(polygons).query(outer, predicate="intersects")[0]] = True
+    disturbed[_touching(outer, np.array(polygons))[0]] = True
     free = np.flatnonzero(~disturbed)
-    added = [Polygon(chains[k]).buffer(0) for k in free]
-    for a, b in sorted(zip(*shapely.STRtree(added).query(outer[free], predicate="intersects"), strict=True)):
+    added = np.array([Polygon(chains[k]).buffer(0) for k in free])
+    for a, b in sorted(zip(*_touching(outer[free], added), strict=True)):
         if a != b and not disturbed[free[a]]:
             disturbed[free[b]] = True
     kept: dict[int, list[tuple[int, int, int]]] = {}
     for k in np.flatnonzero(~disturbed):
         kept.setdefault(chords[k][0], []).append(chords[k])
     return kept
+
+
+def _touching(small: Polygons, large: Polygons) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Positions of the pairs that intersect. The large ones are prepared: each may have very many corners."""
+    a, b = shapely.STRtree(large).query(small)
+    shapely.prepare(large)
+    touching = shapely.intersects(large[b], small[a])
+    return a[touching], b[touching]
 
 
 def _rectangle(a: Point, b: Point, depth: float) -> list[Point]:

@@ -1,87 +1,74 @@
 """OpenStreetMap extracts (.osm, .osm.pbf): `building=*` ways and multipolygon relations, degrees on WGS84.
 
-Areas are put together by libosmium. What it refuses is not lost silently: a closed way whose corners are all there is
-taken as it stands and mended, everything else is dropped with the reason.
+Areas are put together by libosmium, in a process of its own (`osm_extract`). What it refuses is not lost silently: a
+closed way whose corners are all there is taken as it stands and mended, everything else is dropped with the reason.
 """
 
-from collections.abc import Mapping
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-import osmium
 import shapely
-from osmium.filter import KeyFilter
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.heights import height_m
-from sandwich_sitl.world.importers.limits import MAX_OSM_BYTES, MAX_OSM_OBJECTS, file_size, head
-from sandwich_sitl.world.importers.options import ImportOptions
+from sandwich_sitl.world.importers.limits import MAX_OSM_BYTES, MAX_OSM_OBJECTS, MAX_OSM_S, file_size, head
 from sandwich_sitl.world.importers.shapes import ShapeList
-
-_KEY = "building"
+from sandwich_sitl.world.importers.tags import height_m, matches
+from sandwich_sitl.world.osm_extract import KEY
+from sandwich_sitl.world_config import ImportOptions
 
 
 def read_osm(path: Path, options: ImportOptions, found: ShapeList) -> None:
     """Add the extract's buildings to `found`. Raises `InputError` naming the file and the fix."""
     file_size(path, MAX_OSM_BYTES)
-    file_format = "xml" if head(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") else "pbf"
-    pending: dict[str, tuple[dict[str, str], list[tuple[float, float]] | str]] = {}
-    try:
-        file = osmium.io.File(str(path), file_format)
-        _check_size(file, path)
-        _read_objects(file, options, found, pending)
-    except (RuntimeError, osmium.InvalidLocationError) as error:
-        reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: is no complete OpenStreetMap extract ({reason}); export it again") from error
-    for name, (tags, corners) in pending.items():
-        if isinstance(corners, str):
-            found.read += 1
-            found.drop(name, corners)
-        else:
-            _add(found, name, Polygon(corners), tags, options)
-
-
-def _check_size(file: osmium.io.File, path: Path) -> None:
-    for count, _ in enumerate(osmium.FileProcessor(file), 1):
-        if count > MAX_OSM_OBJECTS:
-            raise InputError(f"{path}: has more than {MAX_OSM_OBJECTS} objects; cut out the part that is flown")
-
-
-def _read_objects(
-    file: osmium.io.File,
-    options: ImportOptions,
-    found: ShapeList,
-    pending: dict[str, tuple[dict[str, str], list[tuple[float, float]] | str]],
-) -> None:
-    to_wkb = osmium.geom.WKBFactory()
-    for item in osmium.FileProcessor(file).with_areas(KeyFilter(_KEY)).with_filter(KeyFilter(_KEY)):
-        if not isinstance(item, osmium.osm.Way | osmium.osm.Relation | osmium.osm.Area):
-            continue
-        tags = dict(item.tags)
-        if tags[_KEY] == "no" or any(tags.get(key) != value for key, value in options.where):
-            once = not isinstance(item, osmium.osm.Area)
-            found.read += once
-            found.filtered += once
-        elif isinstance(item, osmium.osm.Area):
-            if not item.num_rings()[0]:
-                continue
-            name = f"{'way' if item.from_way() else 'relation'} {item.orig_id()}"
+    pending: dict[str, tuple[dict[str, str], dict[str, Any]]] = {}
+    for item in _buildings(path):
+        name, tags = item["name"], item["tags"]
+        is_area = "wkb" in item
+        if tags[KEY] == "no" or not matches(tags, options.where):
+            found.read += not is_area
+            found.filtered += not is_area
+        elif is_area:
             pending.pop(name, None)
-            _add(found, name, shapely.from_wkb(to_wkb.create_multipolygon(item)), tags, options)
-        elif isinstance(item, osmium.osm.Way):
-            pending[f"way {item.id}"] = (tags, _corners(item))
-        elif tags.get("type") == "multipolygon":
-            pending[f"relation {item.id}"] = (tags, "is incomplete in the extract, or its ways do not close")
+            _add(found, name, shapely.from_wkb(item["wkb"]), tags, options)
+        else:
+            pending[name] = (tags, item)
+    for name, (tags, item) in pending.items():
+        if "unusable" in item:
+            found.read += 1
+            found.drop(name, item["unusable"])
+        else:
+            _add(found, name, Polygon(item["corners"]), tags, options)
 
 
-def _corners(way: osmium.osm.Way) -> list[tuple[float, float]] | str:
-    if not way.is_closed():
-        return "is not closed"
-    if not all(node.location.valid() for node in way.nodes):
-        return "has corners outside the extract"
-    corners = [(node.lon, node.lat) for node in way.nodes]
-    return corners if len(set(corners)) >= 3 else "has no area"
+def _buildings(path: Path) -> Iterator[dict[str, Any]]:
+    file_format = "xml" if head(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") else "pbf"
+    arguments = [str(path), file_format, str(MAX_OSM_OBJECTS)]
+    command = [sys.executable, "-P", "-m", "sandwich_sitl.world.osm_extract", *arguments]
+    try:
+        answer = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=MAX_OSM_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{path}: takes more than {MAX_OSM_S:g} s to read; cut out the part that is flown") from error
+    *lines, last = answer.stdout.splitlines() or [b""]
+    if answer.returncode != 0 or not last.startswith(b'{"end"'):
+        raise InputError(f"{path}: is no OpenStreetMap extract ({_end(answer)}); export it again")
+    refused = json.loads(last)["end"]
+    if refused is not None:
+        raise InputError(f"{path}: {refused}; export it again, or cut out the part that is flown")
+    return map(json.loads, lines)
+
+
+def _end(answer: "subprocess.CompletedProcess[bytes]") -> str:
+    if answer.returncode < 0:
+        return f"its reader ended with {signal.Signals(-answer.returncode).name}"
+    words = answer.stderr.decode(errors="replace").split("\n")
+    return f"its reader ended with: {' '.join(words[-2:]).strip()[:160]}"
 
 
 def _add(

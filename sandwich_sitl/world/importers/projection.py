@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.limits import MAX_SPAN_M
-from sandwich_sitl.world.importers.options import Box, ImportOptions
 from sandwich_sitl.world.world import GeoOrigin
+from sandwich_sitl.world_config import Box, ImportOptions
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,12 @@ def origin_of(source: str, extent_deg: Box, options: ImportOptions) -> GeoOrigin
             f"{source}: spans {span_m / 1000:.0f} km, more than {MAX_SPAN_M / 1000:.0f}; give window_deg, or "
             "convert the map to degrees (EPSG:4326) if it is in metres"
         )
-    return options.origin or GeoOrigin((south + north) / 2, (west + east) / 2)
+    return configured_origin(options) or GeoOrigin((south + north) / 2, (west + east) / 2)
+
+
+def configured_origin(options: ImportOptions) -> GeoOrigin | None:
+    """The origin that the options name."""
+    return GeoOrigin(options.origin.latitude_deg, options.origin.longitude_deg) if options.origin else None
 
 
 def to_enu(lon_lat: Array, origin: GeoOrigin) -> Array:

@@ -9,12 +9,12 @@ from sandwich_sitl.world.importers.geojson import read_geojson
 from sandwich_sitl.world.importers.grid import grid_world
 from sandwich_sitl.world.importers.limits import head
 from sandwich_sitl.world.importers.moving_ai import read_moving_ai
-from sandwich_sitl.world.importers.options import ImportOptions
 from sandwich_sitl.world.importers.osm import read_osm
 from sandwich_sitl.world.importers.result import ImportedWorld
 from sandwich_sitl.world.importers.ros_map import read_ros_map
 from sandwich_sitl.world.importers.shapes import ShapeList, to_world
 from sandwich_sitl.world.importers.text_shapes import read_csv, read_wkt
+from sandwich_sitl.world_config import ImportOptions
 
 _SUFFIXES = {
     ".geojson": "GeoJSON", ".json": "GeoJSON", ".osm": "OpenStreetMap", ".pbf": "OpenStreetMap",

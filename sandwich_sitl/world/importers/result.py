@@ -27,13 +27,17 @@ class GridFacts:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """`read` shapes were in the file; `filtered` did not match the filter, `outside` lie outside window or bounds."""
+    """`read` shapes were in the file; `filtered` did not match the filter, `outside` lie outside window or bounds.
+
+    `outside_names` are those of shapes wholly outside the bounds, the first hundred of them.
+    """
 
     source: str
     file_format: str
     read: int
     filtered: int = 0
     outside: int = 0
+    outside_names: tuple[str, ...] = ()
     vertices: int = 0
     repaired: tuple[Note, ...] = ()
     dropped: tuple[Note, ...] = ()

@@ -6,6 +6,7 @@ cells between the thresholds; a world knows no grades, so they stay unknown in b
 unknown.
 """
 
+import io
 import math
 import warnings
 from pathlib import Path
@@ -18,7 +19,7 @@ from PIL import Image, UnidentifiedImageError
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.importers.grid import Grid, check_size
-from sandwich_sitl.world.importers.limits import MAX_TEXT_BYTES, MAX_YAML_BYTES, MAX_YAML_DEPTH, file_size, read_text
+from sandwich_sitl.world.importers.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, MIN_CELL_M, read_bytes, read_text
 
 _FORMATS = ("PNG", "PPM", "BMP")
 _MODES = ("trinary", "scale")
@@ -28,11 +29,9 @@ def read_ros_map(path: Path) -> Grid:
     """The grid with its unknown cells apart. Raises `InputError` naming the key or the image."""
     data = _yaml(path)
     resolution = _number(path, data, "resolution", None)
-    if not 0 < resolution < math.inf:
-        raise InputError(f"{path}: resolution: must be a positive number of metres, got {resolution}")
-    origin = data.get("origin", [0.0, 0.0, 0.0])
-    if not (isinstance(origin, list) and len(origin) == 3 and all(_is_number(value) for value in origin)):
-        raise InputError(f"{path}: origin: must be [x, y, yaw] in metres and radians")
+    if resolution < MIN_CELL_M:
+        raise InputError(f"{path}: resolution: must be a number of metres, at least {MIN_CELL_M:g}, got {resolution:g}")
+    x, y, yaw = _origin(path, data.get("origin", [0.0, 0.0, 0.0]))
     occupied = _number(path, data, "occupied_thresh", 0.65)
     free = _number(path, data, "free_thresh", 0.196)
     if not 0 <= free <= occupied <= 1:
@@ -48,7 +47,6 @@ def read_ros_map(path: Path) -> Grid:
     p = grey if negate else 255.0 - grey
     solid = seen & (p > 255.0 * occupied)
     unknown = ~solid & ~(seen & (p < 255.0 * free))
-    x, y, yaw = (float(value) for value in origin)
     remarks = (remark,) if remark else ()
     return Grid(str(path), solid[::-1], unknown[::-1], resolution, (x, y), yaw, remarks)
 
@@ -73,15 +71,31 @@ def _yaml(path: Path) -> dict[str, Any]:
     return data
 
 
-def _is_number(value: object) -> bool:
-    return type(value) in (int, float) and math.isfinite(float(str(value)))
+def _finite(value: object) -> float | None:
+    """The number; text such as 5e-2 is one to YAML 1.2, which map_server reads."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _number(path: Path, data: dict[str, Any], key: str, default: float | None) -> float:
     value = data.get(key, default)
-    if value is None or not _is_number(value):
+    number = _finite(value)
+    if number is None:
         raise InputError(f"{path}: {key}: must be a number, got {str(value)[:40]!r}")
-    return float(value)
+    return number
+
+
+def _origin(path: Path, given: object) -> tuple[float, float, float]:
+    values = [_finite(value) for value in given] if isinstance(given, list) else []
+    numbers = [value for value in values if value is not None]
+    if len(values) != 3 or len(numbers) != 3:
+        raise InputError(f"{path}: origin: must be [x, y, yaw] in metres and radians, got {str(given)[:40]!r}")
+    return numbers[0], numbers[1], numbers[2]
 
 
 def _image_path(path: Path, image: object) -> tuple[Path, str | None]:
@@ -96,9 +110,10 @@ def _image_path(path: Path, image: object) -> tuple[Path, str | None]:
 
 def _pixels(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Grey values 0..255, the mean of the colours, and which pixels are not transparent."""
-    file_size(path, MAX_TEXT_BYTES)
+    # From memory: a read from disk takes as much memory as a damaged file asks for.
+    data = io.BytesIO(read_bytes(path))
     try:
-        with warnings.catch_warnings(action="error"), Image.open(path, formats=_FORMATS) as image:
+        with warnings.catch_warnings(action="error"), Image.open(data, formats=_FORMATS) as image:
             check_size(path, *image.size)
             if image.mode == "I" or image.mode.startswith("I;16"):
                 return np.asarray(image, dtype=np.float32) / np.float32(257), np.ones(image.size[::-1], dtype=bool)

@@ -14,13 +14,13 @@ from shapely import GeometryCollection, LinearRing, MultiPolygon, Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import explain_validity
 
-from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_VERTICES
+from sandwich_sitl.errors import InputError, printable
+from sandwich_sitl.world.importers.limits import MAX_COORDINATE_M, MAX_SHAPES, MAX_SIMPLIFIED_VERTICES, MAX_VERTICES
 from sandwich_sitl.world.importers.notches import fill_notches
-from sandwich_sitl.world.importers.options import Box, ImportOptions
-from sandwich_sitl.world.importers.projection import origin_of, to_enu, window_m
+from sandwich_sitl.world.importers.projection import configured_origin, origin_of, to_enu, window_m
 from sandwich_sitl.world.importers.result import ImportedWorld, ImportReport, Note
-from sandwich_sitl.world.world import GeoOrigin, Obstacle, World
+from sandwich_sitl.world.world import GeoOrigin, Obstacle, World, matter
+from sandwich_sitl.world_config import Box, ImportOptions
 
 MAX_REPAIR_VERTICES = 300  # of one outline that crosses itself: crossings grow with the square
 MAX_REPAIR_VERTICES_IN_ALL = 3_000
@@ -28,6 +28,7 @@ _BORDER_SHARE = 0.05  # free ground added on each side when no bounds are given
 _SAME_AREA = 1e-9
 _FLAT = 1e-9  # of the perimeter squared: less area than that is rounding
 _NAME_LENGTH = 60
+_NAMED = 100  # shapes outside the bounds that a report names
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class ShapeList:
         """Take every polygon of a geometry; other parts are dropped with the reason."""
         parts = list(_flat(geometry))
         for number, part in enumerate(parts):
-            part_name = name[:_NAME_LENGTH] + ("" if len(parts) == 1 else f".{number + 1}")
+            part_name = _label(name) + ("" if len(parts) == 1 else f".{number + 1}")
             self.read += 1
             if part.is_empty:
                 self.drop(part_name, "has no corners")
@@ -77,12 +78,12 @@ class ShapeList:
 
     def drop(self, name: str, reason: str) -> None:
         """Note a shape that does not become an obstacle."""
-        self.dropped.append(Note(name[:_NAME_LENGTH], reason))
+        self.dropped.append(Note(_label(name), reason))
         self._limit(len(self.dropped), MAX_SHAPES, "unusable shapes")
 
     def remark(self, name: str, reason: str) -> None:
         """Note something odd about a shape that is used all the same."""
-        self.remarks.append(Note(name[:_NAME_LENGTH], reason))
+        self.remarks.append(Note(_label(name), printable(reason)))
 
     def _take(self, shape: Shape) -> None:
         self.shapes.append(shape)
@@ -117,10 +118,15 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
     window = window_m(options.window_deg, origin) if options.window_deg and origin else None
     obstacles = list(_obstacles(found, origin))
     bounds = options.bounds_m or window or _extent(obstacles, found)
-    inside = shapely.intersects([o.polygon for o in obstacles], box(*bounds)) if obstacles else np.empty(0, bool)
+    inside = matter([o.polygon for o in obstacles], bounds, options.clearance_m or 0.0)
     kept = [o for o, keep in zip(obstacles, inside, strict=True) if keep]
     if options.simplify_m:
-        polygons = fill_notches([o.polygon for o in kept], options.simplify_m, options.gap_m)
+        if sum(len(o.polygon.exterior.coords) for o in kept) > MAX_SIMPLIFIED_VERTICES:
+            raise InputError(
+                f"{found.source}: has more than {MAX_SIMPLIFIED_VERTICES} corners to simplify; "
+                "cut out the part that is flown, or leave out simplify_m"
+            )
+        polygons = fill_notches([o.polygon for o in kept], options.simplify_m, options.kept_gap_m)
         kept = [replace(o, polygon=polygon) for o, polygon in zip(kept, polygons, strict=True)]
     report = ImportReport(
         source=found.source,
@@ -128,6 +134,7 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
         read=found.read,
         filtered=found.filtered,
         outside=found.outside + len(obstacles) - len(kept),
+        outside_names=tuple(o.name for o, keep in zip(obstacles, inside, strict=True) if not keep)[:_NAMED],
         vertices=sum(len(o.polygon.exterior.coords) - 1 for o in kept),
         repaired=tuple(found.repaired),
         dropped=tuple(found.dropped),
@@ -135,6 +142,10 @@ def to_world(found: ShapeList, file_format: str, options: ImportOptions) -> Impo
         remarks=tuple(found.remarks),
     )
     return ImportedWorld(World(bounds, tuple(kept), origin), report)
+
+
+def _label(name: str) -> str:
+    return printable(name[:_NAME_LENGTH])
 
 
 def _flat(geometry: BaseGeometry) -> Iterator[BaseGeometry]:
@@ -157,7 +168,7 @@ def _origin(found: ShapeList, options: ImportOptions) -> GeoOrigin | None:
     if extent is None and found.shapes:
         west, south, east, north = map(float, shapely.total_bounds([shape.polygon for shape in found.shapes]))
         extent = (west, south, east, north)
-    return origin_of(found.source, extent, options) if extent else options.origin
+    return origin_of(found.source, extent, options) if extent else configured_origin(options)
 
 
 def _obstacles(found: ShapeList, origin: GeoOrigin | None) -> Iterator[Obstacle]:

@@ -17,10 +17,10 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.importers.heights import height_m
-from sandwich_sitl.world.importers.limits import MAX_WKT_DEPTH, read_text
-from sandwich_sitl.world.importers.options import ImportOptions
+from sandwich_sitl.world.importers.limits import MAX_SHAPES, MAX_VERTICES, MAX_WKT_DEPTH, read_text
 from sandwich_sitl.world.importers.shapes import ShapeList
+from sandwich_sitl.world.importers.tags import height_m
+from sandwich_sitl.world_config import ImportOptions
 
 _SRID = re.compile(r"\s*SRID=(\d+);", re.IGNORECASE)
 
@@ -46,7 +46,7 @@ def read_csv(path: Path, options: ImportOptions, found: ShapeList) -> None:
         elif {"name", "x", "y"} <= columns:
             _read_corner_rows(path, rows, options, found)
         else:
-            raise InputError(f"{path}: line 1: has columns {sorted(columns)[:9]}; give name,x,y or name,wkt")
+            raise InputError(f"{path}: line 1: has columns {str(sorted(columns))[:80]}; give name,x,y or name,wkt")
     except csv.Error as error:
         raise InputError(
             f"{path}: line {rows.line_num + 1}: is not CSV ({error}); close quotes, or use .wkt"
@@ -63,7 +63,7 @@ def _read_wkt_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptio
 def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOptions, found: ShapeList) -> None:
     rings: dict[str, list[tuple[float, float]]] = {}
     first: dict[str, tuple[int, dict[str, str]]] = {}
-    for number, row in _clean(path, rows):
+    for corners, (number, row) in enumerate(_clean(path, rows), 1):
         try:
             corner = (float(row["x"]), float(row["y"]))
         except ValueError as error:
@@ -72,6 +72,11 @@ def _read_corner_rows(path: Path, rows: "csv.DictReader[str]", options: ImportOp
             raise InputError(f"{path}: line {number}: x, y must be finite metres, got {corner}")
         first.setdefault(row["name"], (number, row))
         rings.setdefault(row["name"], []).append(corner)
+        if corners > MAX_VERTICES or len(rings) > MAX_SHAPES:
+            raise InputError(
+                f"{path}: line {number}: has more than {MAX_VERTICES} corners or {MAX_SHAPES} shapes; "
+                "cut out the part that is flown"
+            )
     for name, ring in rings.items():
         number, row = first[name]
         where = f"{path}: line {number}"
@@ -102,7 +107,7 @@ def _geometry(text: str, where: str) -> BaseGeometry:
     if _depth(text) > MAX_WKT_DEPTH:
         raise InputError(f"{where}: nests parentheses deeper than {MAX_WKT_DEPTH}; give a geometry a line")
     try:
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, ValueError) as error:
         reason = " ".join(str(error).split())[:120]

@@ -1,4 +1,7 @@
-"""Heights from the tags that GeoJSON and OpenStreetMap share: `height` in metres, else `building:levels`."""
+"""The tags that GeoJSON and OpenStreetMap share: the filter over them, and heights.
+
+A height is `height` in metres, else `building:levels` storeys; one that cannot be understood is unknown and remarked.
+"""
 
 import math
 import re
@@ -7,6 +10,11 @@ from collections.abc import Mapping
 _METRES = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*m?\s*")
 _FEET = re.compile(r"\s*(\d+)\s*'\s*(?:(\d+)\s*\"\s*)?")
 _FOOT_M = 0.3048
+
+
+def matches(tags: Mapping[str, object], where: Mapping[str, str]) -> bool:
+    """Whether the tags have every key of the filter with its value; "*" is any value."""
+    return all(tags.get(key) is not None and value in ("*", _text(tags[key])) for key, value in where.items())
 
 
 def height_m(tags: Mapping[str, object], storey_m: float) -> tuple[float | None, str | None]:
@@ -23,6 +31,10 @@ def height_m(tags: Mapping[str, object], storey_m: float) -> tuple[float | None,
             f"{key} {str(value)[:40]!r} is not a positive number of {'storeys' if 'levels' in key else 'metres'}",
         )
     return None, None
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _number(value: object) -> float | None:

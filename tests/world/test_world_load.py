@@ -1,4 +1,4 @@
-"""GeoJSON worlds: the projection against an independent formula, and one line for every file that cannot be used."""
+"""The world of a run: a map in degrees against an independent formula, and one line for what cannot be used."""
 
 import json
 from pathlib import Path
@@ -11,9 +11,8 @@ import shapely
 
 from sandwich_sitl.config import GeoOriginConfig, ObstacleConfig, WorldConfig
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.world.geojson import read_geojson
-from sandwich_sitl.world.load import load_world
-from sandwich_sitl.world.world import GeoOrigin
+from sandwich_sitl.world.load import import_world, load_world
+from sandwich_sitl.world.world import GeoOrigin, World
 
 PRAGUE = GeoOrigin(50.1, 14.4)
 SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # WGS84
@@ -33,6 +32,14 @@ def written(folder: Path, *features: Any) -> Path:
     return path
 
 
+def world_of(
+    path: Path, origin: GeoOrigin | None = None, bounds_m: tuple[float, float, float, float] | None = None
+) -> World:
+    """The world of a run whose configuration lies beside the map file."""
+    place = origin and GeoOriginConfig(origin.latitude_deg, origin.longitude_deg)
+    return load_world(WorldConfig(file=path.name, origin=place, bounds_m=bounds_m), path.parent / "run.yaml")
+
+
 def radii_m(latitude_deg: float) -> tuple[float, float]:
     """Radii of curvature of the ellipsoid: along the meridian and along the parallel."""
     sine = np.sin(np.radians(latitude_deg))
@@ -45,7 +52,7 @@ def radii_m(latitude_deg: float) -> tuple[float, float]:
 def test_projection_agrees_with_the_radii_of_the_ellipsoid(tmp_path: Path, latitude: float) -> None:
     origin = GeoOrigin(latitude, 14.4)
     path = written(tmp_path, feature(square(14.4 + 5e-4, latitude + 7e-4)))
-    (obstacle,) = read_geojson(path, origin, (-500, -500, 500, 500)).obstacles
+    (obstacle,) = world_of(path, origin, (-500, -500, 500, 500)).obstacles
     lon_lat = np.array(square(14.4 + 5e-4, latitude + 7e-4)[0])
     along_meridian, along_parallel = radii_m(latitude)
     expected = np.radians(lon_lat - (14.4, latitude)) * (along_parallel, along_meridian)
@@ -54,7 +61,7 @@ def test_projection_agrees_with_the_radii_of_the_ellipsoid(tmp_path: Path, latit
 
 def test_projection_inverts_exactly(tmp_path: Path) -> None:
     path = written(tmp_path, feature(square(14.41, 50.105)))
-    (obstacle,) = read_geojson(path, PRAGUE, (-2000, -2000, 2000, 2000)).obstacles
+    (obstacle,) = world_of(path, PRAGUE, (-2000, -2000, 2000, 2000)).obstacles
     east, north = shapely.get_coordinates(obstacle.polygon).T
     up = -(east**2 + north**2) / (2 * SEMI_MAJOR_M)  # the ground falls away under the tangent plane
     lat, lon, _ = pymap3d.enu2geodetic(east, north, up, PRAGUE.latitude_deg, PRAGUE.longitude_deg, 0.0)
@@ -63,7 +70,7 @@ def test_projection_inverts_exactly(tmp_path: Path) -> None:
 
 def test_east_is_x_and_north_is_y(tmp_path: Path) -> None:
     path = written(tmp_path, feature(square(14.401, 50.1), name="east"), feature(square(14.4, 50.101), name="north"))
-    by_name = {o.name: o.polygon.centroid for o in read_geojson(path, PRAGUE, (-500, -500, 500, 500)).obstacles}
+    by_name = {o.name: o.polygon.centroid for o in world_of(path, PRAGUE, (-500, -500, 500, 500)).obstacles}
     assert by_name["east"].x > 50
     assert abs(by_name["east"].y) < 1
     assert by_name["north"].y > 50
@@ -72,7 +79,7 @@ def test_east_is_x_and_north_is_y(tmp_path: Path) -> None:
 
 def test_origin_and_bounds_are_derived(tmp_path: Path) -> None:
     path = written(tmp_path, feature(square(14.40, 50.10)), feature(square(14.41, 50.11)))
-    world = read_geojson(path, None, None)
+    world = world_of(path)
     assert world.origin is not None
     assert world.origin.latitude_deg == pytest.approx(50.105)
     assert world.origin.longitude_deg == pytest.approx(14.405)
@@ -90,7 +97,7 @@ def test_names_heights_and_parts(tmp_path: Path) -> None:
         feature(square(14.404, 50.1)) | {"id": "w7"},
         feature(square(14.406, 50.1)) | {"properties": None},
     )
-    world = read_geojson(path, None, None)
+    world = world_of(path)
     assert [(o.name, o.height_m) for o in world.obstacles] == [
         ("twin.1", 12),
         ("twin.2", 12),
@@ -101,13 +108,13 @@ def test_names_heights_and_parts(tmp_path: Path) -> None:
 
 def test_obstacles_outside_the_bounds_are_left_out(tmp_path: Path) -> None:
     path = written(tmp_path, feature(square(14.4, 50.1), name="in"), feature(square(14.5, 50.1), name="out"))
-    assert [o.name for o in read_geojson(path, PRAGUE, (-100, -100, 100, 100)).obstacles] == ["in"]
+    assert [o.name for o in world_of(path, PRAGUE, (-100, -100, 100, 100)).obstacles] == ["in"]
 
 
 @pytest.mark.parametrize(
     ("item", "words"),
     [
-        (feature([14.4, 50.1], "Point"), ("features[0]", "is a Point", "Polygon or MultiPolygon")),
+        (feature([14.4, 50.1], "Point"), ("no usable polygon", "feature1", "is a Point, not an area")),
         (feature([[[14.4, 50.1], [14.5, 50.2]]]), ("features[0].geometry", "cannot be read")),
         (feature("nonsense"), ("features[0].geometry", "cannot be read")),
         (feature([[["a", "b"], ["c", "d"], ["e", "f"], ["a", "b"]]]), ("features[0].geometry", "cannot be read")),
@@ -117,19 +124,16 @@ def test_obstacles_outside_the_bounds_are_left_out(tmp_path: Path) -> None:
         (feature(square(14.4, float("nan"))), ("features[0].geometry", "cannot be read")),
         (feature([[[0, 0], [1e-3, 1e-3], [1e-3, 0], [0, 1e-3], [0, 0]]], name="bow"), ("'bow'", "simple polygon")),
         (feature([[[0, 0], [1e-3, 0], [2e-3, 0], [0, 0]]], name="line"), ("'line'", "simple polygon")),
-        (feature([]), ("features[0]", "no corners")),
-        (feature(square(14.4, 50.1), height="tall"), ("features[0].properties.height", "positive number", "'tall'")),
-        (feature(square(14.4, 50.1), height=-3), ("features[0].properties.height", "positive number")),
-        (feature(square(14.4, 50.1), height=True), ("features[0].properties.height", "positive number")),
+        (feature([]), ("no usable polygon", "feature1", "has no corners")),
         (feature(square(14.4, 50.1)) | {"properties": [1]}, ("features[0].properties", "mapping")),
-        ({"type": "Feature", "geometry": None}, ("features[0]", "no geometry")),
+        ({"type": "Feature", "geometry": None}, ("no usable polygon", "feature1", "has no geometry")),
         (3, ("features[0]", "no geometry")),
     ],
 )
 def test_bad_feature_is_named(tmp_path: Path, item: Any, words: tuple[str, ...]) -> None:
     path = written(tmp_path, item)
     with pytest.raises(InputError) as caught:
-        read_geojson(path, None, None)
+        world_of(path)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert "\n" not in message
@@ -137,22 +141,44 @@ def test_bad_feature_is_named(tmp_path: Path, item: Any, words: tuple[str, ...])
         assert word in message
 
 
+@pytest.mark.parametrize("height", ["tall", -3, True])
+def test_a_height_that_is_none_is_said_and_the_shape_kept(tmp_path: Path, height: object) -> None:
+    written(tmp_path, feature(square(14.4, 50.1), name="hall", height=height))
+    imported = import_world(WorldConfig(file="town.geojson"), tmp_path / "run.yaml")
+    assert [(o.name, o.height_m) for o in imported.world.obstacles] == [("hall", None)]
+    assert [note.name for note in imported.report.remarks] == ["hall"]
+    assert "is not a positive number of metres" in imported.report.remarks[0].reason
+
+
+def test_what_is_no_area_is_said_and_the_rest_kept(tmp_path: Path) -> None:
+    written(
+        tmp_path,
+        feature([14.4, 50.1], "Point", name="tree"),
+        feature(square(14.4, 50.1), name="hall"),
+        {"type": "Feature", "geometry": None},
+    )
+    imported = import_world(WorldConfig(file="town.geojson"), tmp_path / "run.yaml")
+    assert [o.name for o in imported.world.obstacles] == ["hall"]
+    assert [note.name for note in imported.report.dropped] == ["tree", "feature3"]
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
         (b"{", "is not JSON"),
-        (b"\xff\xfe", "is not JSON"),
+        (b"\xff\xfe", "is not UTF-8"),
         (b"[]", "is not a GeoJSON FeatureCollection"),
-        (b'{"type": "Feature"}', "is not a GeoJSON FeatureCollection"),
+        (b'{"type": "Feature"}', "has no usable polygon"),
+        (b'{"type": "Topology"}', "is not a GeoJSON FeatureCollection"),
         (b'{"type": "FeatureCollection", "features": {}}', "is not a GeoJSON FeatureCollection"),
-        (b'{"type": "FeatureCollection", "features": []}', "has no polygon"),
+        (b'{"type": "FeatureCollection", "features": []}', "has no usable polygon"),
     ],
 )
 def test_bad_file_is_named(tmp_path: Path, data: bytes, words: str) -> None:
     path = tmp_path / "bad.geojson"
     path.write_bytes(data)
     with pytest.raises(InputError, match=words) as caught:
-        read_geojson(path, None, None)
+        world_of(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
@@ -160,11 +186,12 @@ def test_bad_file_is_named(tmp_path: Path, data: bytes, words: str) -> None:
 def test_missing_file_and_relative_path(tmp_path: Path) -> None:
     config_path = tmp_path / "deep" / "run.yaml"
     config_path.parent.mkdir()
-    with pytest.raises(InputError, match="cannot be read"):
-        load_world(WorldConfig(geojson="town.geojson"), config_path)
+    config_path.write_text("seed: 1\nworld:\n  file: town.geojson\n")
+    with pytest.raises(InputError, match=r"run\.yaml:3: world\.file: there is no .*relative to the configuration"):
+        load_world(WorldConfig(file="town.geojson"), config_path)
     written(config_path.parent, feature(square(14.4, 50.1), name="home"))
     origin = GeoOriginConfig(latitude_deg=50.1, longitude_deg=14.4)
-    world = load_world(WorldConfig(geojson="town.geojson", origin=origin, bounds_m=(-50, -50, 50, 50)), config_path)
+    world = load_world(WorldConfig(file="town.geojson", origin=origin, bounds_m=(-50, -50, 50, 50)), config_path)
     assert world.bounds_m == (-50, -50, 50, 50)
     assert world.origin == PRAGUE
 
