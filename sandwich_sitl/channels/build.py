@@ -74,7 +74,7 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flo
         Psi=np.maximum.accumulate(np.array([y_min, *mean_heights, y_max])),
         phi=np.linspace(x_min, x_max, m_phi),
         bays=bays,
-        lid_places=_lid_places(bays, [grid.sound.xy_m for grid in grids]),
+        lid_places=_lid_places(bays, [grid.sound for grid in grids]),
         lost=lost,
         quality=measure(
             cells, bays, sum(grid.repaired_cells for grid in grids), max(grid.max_residual_m for grid in grids), world
@@ -167,7 +167,10 @@ def _solved(streamlines: Sequence[Streamline], cell_m: float, min_rows: int) -> 
     sides = [(below.upper, above.lower) for below, above in itertools.pairwise(streamlines)]
     names = [f"channel {d + 1}" for d in range(len(sides))]
     with ThreadPoolExecutor(_THREADS) as pool:
-        return list(pool.map(lambda side, name: _mapped_channel(*side, name, cell_m, min_rows), sides, names))
+        jobs = [
+            pool.submit(_mapped_channel, *side, name, cell_m, min_rows) for side, name in zip(sides, names, strict=True)
+        ]
+        return [job.result() for job in jobs]
 
 
 def _mapped_channel(bottom: Array, top: Array, name: str, cell_m: float, min_rows: int) -> _Channel:
@@ -194,15 +197,16 @@ def _residual_beside(grid: Untangled) -> float:
     return float(values.max()) if values.size else 0.0
 
 
-def _lid_places(bays: tuple[Bay, ...], grids: Sequence[Array]) -> tuple[NDArray[np.int64], ...]:
+def _lid_places(bays: tuple[Bay, ...], grids: Sequence[Sound]) -> tuple[NDArray[np.int64], ...]:
     """For each bay the places (L, 3) of the channel nodes that are its lid nodes: the same floating-point numbers."""
-    wanted = {(x, y) for bay in bays for x, y in bay.xy_m[bay.lid_nodes].tolist()}
     at: dict[tuple[float, float], tuple[int, int, int]] = {}
-    for d, xy in enumerate(grids):
-        for i, column in enumerate(xy.tolist()):
-            for j, (x, y) in enumerate(column):
-                if (x, y) in wanted:
-                    at[x, y] = (d, i, j)
+    for d, grid in enumerate(grids):
+        xy, gridded = grid.xy_m, grid.gridded
+        beside_gap = np.flatnonzero(np.diff(gridded)) + 1
+        for j in (0, xy.shape[1] - 1):
+            at |= {(x, y): (d, i, j) for i, (x, y) in enumerate(xy[:, j].tolist())}
+        for i in beside_gap.tolist():
+            at |= {(x, y): (d, i, j) for j, (x, y) in enumerate(xy[i].tolist())}
     return tuple(
         np.array([at[x, y] for x, y in bay.xy_m[bay.lid_nodes].tolist()], dtype=np.int64).reshape(-1, 3) for bay in bays
     )

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
-_RASTER = 30_000  # points
+_RASTER = 12_000  # points
 _SOLID = 0.01
 _POTENTIAL = 0.4  # of a station; the rest is x
 
