@@ -117,27 +117,31 @@ def _unshared(channel_map: ChannelMap) -> int:
 
 
 def _stray(channel_map: ChannelMap, tolerance: float) -> int:
-    """Barred nodes that are neither on an obstacle's outline nor on a bay's lid."""
+    """Barred nodes of cells that are neither on an obstacle's outline nor on a bay's."""
     nodes = [
-        side
+        channel_map.xy_m[channel][barred & _has_cells(channel_map.gridded[channel]), row]
         for d, barred in enumerate(channel_map.barred)
-        for side in (channel_map.xy_m[d][barred, -1], channel_map.xy_m[d + 1][barred, 0])
+        for channel, row in ((d, -1), (d + 1, 0))
     ]
     points = shapely.points(np.concatenate([np.empty((0, 2)), *nodes]))
     if not len(points):
         return 0
     lines = np.array([polygon.exterior for polygon in channel_map.grown.polygons], dtype=object)
-    walls = shapely.STRtree(np.concatenate([lines, *(_lid_edges(bay) for bay in channel_map.bays)]))
+    walls = shapely.STRtree(np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays)]))
     _, distance = walls.query_nearest(points, return_distance=True, all_matches=False)
     return int((distance > tolerance).sum())
 
 
-def _lid_edges(bay: Bay) -> NDArray[np.object_]:
-    """Outer edges of a bay between two lid nodes, as lines."""
+def _has_cells(gridded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which columns of nodes (m_phi,) have cells beside them."""
+    return np.concatenate([gridded[:1], gridded[1:] | gridded[:-1], gridded[-1:]])
+
+
+def _outer_edges(bay: Bay) -> NDArray[np.object_]:
+    """Edges of a bay's outline, lids and walls, as lines."""
     sides = np.sort(np.stack([bay.quads, np.roll(bay.quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, uses = np.unique(sides, axis=0, return_counts=True)
-    outer = edges[(uses == 1) & np.isin(edges, bay.lid_nodes).all(axis=1)]
-    return np.asarray(shapely.linestrings(bay.xy_m[outer]), dtype=object).reshape(-1)
+    return np.asarray(shapely.linestrings(bay.xy_m[edges[uses == 1]]), dtype=object).reshape(-1)
 
 
 def _doubled(channel_map: ChannelMap) -> float:
