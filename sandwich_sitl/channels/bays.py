@@ -72,8 +72,8 @@ def _triangulated(polygon: Polygon, side_m: float) -> tuple[Array, NDArray[np.in
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    mesh.insert_vertices(np.concatenate(points))
-    mesh.insert_edges(np.concatenate(edges))
+    mesh.insert_vertices([pythoncdt.V2d(x, y) for x, y in np.concatenate(points).tolist()])
+    mesh.insert_edges([pythoncdt.Edge(a, b) for a, b in np.concatenate(edges).tolist()])
     outside = mesh.collect_outer_triangles_and_holes()
     shortest = _SHORTEST * side_m
     for criterion, threshold in (

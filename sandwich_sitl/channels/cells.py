@@ -12,17 +12,18 @@ Array = NDArray[np.float64]
 
 def quad_sines(corners: Array) -> Array:
     """Sines (..., 4) of the corner angles of quads (..., 4, 2); -1 where a side has no length."""
-    return _sines(np.ascontiguousarray(corners.reshape(-1, 4, 2))).reshape(corners.shape[:-1])
+    return np.asarray(_sines(np.ascontiguousarray(corners.reshape(-1, 4, 2))).reshape(corners.shape[:-1]))
 
 
 def quad_angles(corners: Array) -> Array:
     """Angles (n, 4) in radians at the corners of quads (n, 4, 2)."""
-    return _angles(np.ascontiguousarray(corners))
+    return np.asarray(_angles(np.ascontiguousarray(corners)))
 
 
 def quad_sides(corners: Array) -> Array:
     """Lengths (n, 4) of the sides of quads (n, 4, 2)."""
-    return np.hypot(*np.moveaxis(corners[:, [1, 2, 3, 0]] - corners, -1, 0))
+    x, y = np.moveaxis(corners[:, [1, 2, 3, 0]] - corners, -1, 0)
+    return np.asarray(np.hypot(x, y))
 
 
 def quad_areas(corners: Array) -> Array:

@@ -83,7 +83,7 @@ def _blocked(channel_map: ChannelMap, tolerance: float) -> int:
     solid = [part for polygon in shrunk for part in shapely.get_parts(polygon) if not part.is_empty]
     ground = [
         *_stretches(channel_map),
-        *(quad for bay in channel_map.bays for quad in shapely.polygons(bay.corners_m())),
+        *(quad for bay in channel_map.bays for quad in np.asarray(shapely.polygons(bay.corners_m()), dtype=object)),
     ]
     if not solid or not ground:
         return 0
@@ -123,7 +123,7 @@ def _stray(channel_map: ChannelMap, tolerance: float) -> int:
         for d, barred in enumerate(channel_map.barred)
         for channel, row in ((d, -1), (d + 1, 0))
     ]
-    points = shapely.points(np.concatenate([np.empty((0, 2)), *nodes]))
+    points = np.asarray(shapely.points(np.concatenate([np.empty((0, 2)), *nodes])), dtype=object)
     if not len(points):
         return 0
     lines = np.array([polygon.exterior for polygon in channel_map.grown.polygons], dtype=object)

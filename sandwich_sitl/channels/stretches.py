@@ -30,8 +30,8 @@ class Sound:
 
 def without_folds(xy: Array, name: str, cell_m: float) -> Sound:
     """The grid (m_phi, m_j, 2) with every stretch that has a folded cell replaced."""
-    folded = (corner_sines(xy) <= 0).any(axis=(1, 2))
-    gridded = ~folded
+    folded: NDArray[np.bool_] = np.asarray((corner_sines(xy) <= 0).any(axis=(1, 2)))
+    gridded: NDArray[np.bool_] = np.logical_not(folded)
     if not folded.any():
         return Sound(xy, gridded, ())
     stretches = widened(xy, folded, 0, len(xy) - 1)

@@ -29,9 +29,10 @@ _THIN = 0.04  # of a cell: ground that is nowhere twice as wide is left out
 
 def update_map(channel_map: ChannelMap, obstacle: Polygon, name: str, cell_m: float) -> ChannelMap:
     """The map with a grown obstacle, ENU metres, added; cells of new bays are about `cell_m`."""
-    obstacle = shapely.intersection(obstacle, shapely.box(*channel_map.bounds_m))
-    if not isinstance(obstacle, Polygon) or obstacle.is_empty:
+    inside = shapely.intersection(obstacle, shapely.box(*channel_map.bounds_m))
+    if not isinstance(inside, Polygon) or inside.is_empty:
         return channel_map
+    obstacle = inside
     grown, shut_in = _with_obstacle(channel_map.grown, obstacle, name)
     shapely.prepare([obstacle, shut_in])
     gridded, xy_m, ground = channel_map.gridded.copy(), list(channel_map.xy_m), []
