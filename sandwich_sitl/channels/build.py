@@ -214,8 +214,8 @@ def _joined_lids(
     tree = cKDTree(points)
     joined, lid_places = [], []
     for bay in bays:
-        distance, nearest = tree.query(bay.xy_m[bay.lid_nodes], distance_upper_bound=_SAME * extent_m)
-        met = np.isfinite(distance)
+        distance, found = tree.query(bay.xy_m[bay.lid_nodes], distance_upper_bound=_SAME * extent_m)
+        met, nearest = np.isfinite(distance), np.asarray(found)
         xy = bay.xy_m.copy()
         xy[bay.lid_nodes[met]] = points[nearest[met]]
         joined.append(replace(bay, xy_m=xy, lid_nodes=bay.lid_nodes[met]))
