@@ -14,7 +14,7 @@ import yaml
 from vehicle_sim.config import RunConfig, load_run
 from vehicle_sim.endpoints import parse_endpoints
 from vehicle_sim.errors import ConfigError, VehicleError
-from vehicle_sim.node import Node
+from vehicle_sim.protocol.node import Node
 from vehicle_sim.recorder import Recorder
 from vehicle_sim.server import Pace, Server, open_socket
 from vehicle_sim.vehicle import Vehicle

@@ -15,11 +15,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.endpoints import Address, Endpoints
 from vehicle_sim.errors import EndpointError
-from vehicle_sim.mavlink_codec import Codec, Received
-from vehicle_sim.node import Node
+from vehicle_sim.protocol.codec import Codec, Received
+from vehicle_sim.protocol.node import Node
+from vehicle_sim.protocol.session import Session
 from vehicle_sim.recorder import Recorder
-from vehicle_sim.session import Session
-from vehicle_sim.telemetry import heartbeat, system_time
+from vehicle_sim.telemetry.status import heartbeat, system_time
 
 ANNOUNCE_S = 0.1
 PEER_SILENCE_S = 5.0

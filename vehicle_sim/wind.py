@@ -1,17 +1,17 @@
-"""Uniform wind: a mean and, on each axis, a first-order (Dryden-like) gust.
+"""Uniform wind: a mean and, on each axis, a first-order gust.
 
 d g / dt = -g / T + sigma sqrt(2 / T) w(t)        exact over a step: g' = a g + sigma sqrt(1 - a^2) n,  a = exp(-dt / T)
 """
 
-from dataclasses import dataclass
 from math import exp, sqrt
+from typing import NamedTuple
 
+from vehicle_sim.compiled import inlined
 from vehicle_sim.config import WindConfig
 from vehicle_sim.rotation import Vector
 
 
-@dataclass(frozen=True)
-class WindModel:
+class WindModel(NamedTuple):
     """Mean and gust in NED for one fixed step."""
 
     mean_ned_mps: Vector
@@ -27,16 +27,12 @@ class WindModel:
         spread = sqrt(1.0 - keep * keep)
         return cls((north, east, -up), keep, (gust_n * spread, gust_e * spread, gust_u * spread))
 
-    def next_gust(self, gust_ned_mps: Vector, normal: Vector) -> Vector:
-        """The gust one step later; `normal` are three standard normal numbers."""
-        a, kick = self.keep, self.kick_ned_mps
-        return (
-            a * gust_ned_mps[0] + kick[0] * normal[0],
-            a * gust_ned_mps[1] + kick[1] * normal[1],
-            a * gust_ned_mps[2] + kick[2] * normal[2],
-        )
 
-    def velocity(self, gust_ned_mps: Vector) -> Vector:
-        """Mean plus gust, NED."""
-        mean = self.mean_ned_mps
-        return (mean[0] + gust_ned_mps[0], mean[1] + gust_ned_mps[1], mean[2] + gust_ned_mps[2])
+@inlined
+def next_value(value: Vector, keep: float, kick: Vector, normal: Vector) -> Vector:
+    """A first-order Gauss-Markov triple one step later; `normal` are three standard normal numbers."""
+    return (
+        keep * value[0] + kick[0] * normal[0],
+        keep * value[1] + kick[1] * normal[1],
+        keep * value[2] + kick[2] * normal[2],
+    )

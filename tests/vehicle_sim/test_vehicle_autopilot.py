@@ -308,7 +308,7 @@ def test_touch_down_is_gentle() -> None:
     flight = Flight().offboard()
     flight.pilot.request_mode(Mode.LAND)
     speeds = []
-    flight.run(10.0, lambda: speeds.append(flight.vehicle.previous.vd))
+    flight.run(10.0, lambda: speeds.append(float(flight.vehicle.flight.before[5])))
     assert flight.pilot.landed
     assert max(speeds) < 1.0
 

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.commander import Severity, Text
 from vehicle_sim.config import HomeConfig, SensorsConfig, VehicleConfig
-from vehicle_sim.mavlink_codec import Codec, split_frames
-from vehicle_sim.node import Node
+from vehicle_sim.protocol.codec import Codec, split_frames
+from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
 
 CLIENT, OTHER = "client", "other"
@@ -105,7 +105,6 @@ def test_state_north_east_and_up_have_the_right_signs(client: Client) -> None:
     vehicle = client.node.vehicle
     client.run(5.0)
     vehicle.state = vehicle.state._replace(n=10.0, e=20.0, d=-30.0, vn=1.0, ve=2.0, vd=-3.0)
-    vehicle.step()
     client.receive()
     for name in (32, 33, 141, 74):
         assert client.results(512, name) == [0]

@@ -92,6 +92,7 @@ _ROWS = (
     _row("MPC_THR_MIN", 0.06, 0.01, 0.5, "norm"),
     _row("MPC_THR_XY_MARG", 0.3, 0.0, 0.5, "norm"),
     _row("MPC_TILTMAX_AIR", 45.0, 20.0, 89.0, "deg"),
+    _row("MPC_TILTMAX_LND", 12.0, 10.0, 89.0, "deg"),
     _row("MPC_TKO_RAMP_T", 1.0, 0.0, 5.0, "s"),
     _row("MPC_TKO_SPEED", 1.5, 1.0, 5.0, "m/s"),
     _row("MPC_VEL_MANUAL", 10.0, 3.0, 20.0, "m/s"),

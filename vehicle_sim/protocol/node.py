@@ -14,11 +14,11 @@ from vehicle_sim.autopilot.commander import Result, Severity, Text
 from vehicle_sim.autopilot.guidance import Sticks
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import FRAME_LOCAL_NED, SetpointMessage
-from vehicle_sim.commands import Command, execute
 from vehicle_sim.geo import Geodetic
-from vehicle_sim.mavlink_codec import COMPONENT_ID, Received
-from vehicle_sim.parameter_protocol import find_parameter, parameter_list, parameter_value, set_parameter
-from vehicle_sim.session import Session
+from vehicle_sim.protocol.codec import COMPONENT_ID, Codec, Received
+from vehicle_sim.protocol.commands import Command, execute
+from vehicle_sim.protocol.parameters import find_parameter, parameter_list, parameter_value, set_parameter
+from vehicle_sim.protocol.session import Session
 from vehicle_sim.vehicle import Vehicle
 
 _INT32_NOT_GIVEN = 2**31 - 1
@@ -77,7 +77,7 @@ class Node:
     def session(self, address: Hashable) -> Session:
         """The client's session, begun when it is new."""
         if address not in self.sessions:
-            self.sessions[address] = Session(self.vehicle)
+            self.sessions[address] = Session(self.vehicle, Codec(self.vehicle.config.system_id))
         return self.sessions[address]
 
     def advance_to(self, t_us: int) -> None:
@@ -86,7 +86,10 @@ class Node:
         sessions = list(self.sessions.values())
         texts = vehicle.autopilot.commander.texts
         while vehicle.t_us < t_us:
-            vehicle.step()
+            stop_us = min(t_us, self._next_sample_us)
+            for session in sessions:
+                stop_us = min(stop_us, session.next_us)
+            vehicle.advance(max(1, vehicle.steps_until(stop_us)))
             now_us = vehicle.t_us
             if texts:
                 self._send_texts()
@@ -206,8 +209,7 @@ class Node:
             session.send(mavlink.MAVLink_ping_message(m.time_usec, m.seq, received.system_id, received.component_id))
 
     def _on_parameter_list(self, session: Session, _received: Received) -> None:
-        session.parameter_queue.clear()
-        session.parameter_queue.extend(parameter_list(self.vehicle.autopilot.parameters))
+        session.send_parameters(parameter_list(self.vehicle.autopilot.parameters))
 
     def _on_parameter_read(self, session: Session, received: Received) -> None:
         m = received.message

@@ -9,29 +9,31 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.commander import Text
-from vehicle_sim.mavlink_codec import Codec
-from vehicle_sim.telemetry import STREAMS
+from vehicle_sim.protocol.codec import Codec
+from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle
 
 _CHUNK = 50
 _PARAMETERS_PER_POLL = 4
 _PARAMETERS_EVERY_US = 10_000
 _MIN_INTERVAL_US = 5000
+_NEVER_US = 2**63
 
 
 class Session:
-    """Streams and replies to one client. `outbox` holds encoded frames in order."""
+    """Streams and replies to one client. `outbox` holds encoded frames in order; `next_us` is when `poll` has something to do."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, codec: Codec) -> None:
         self._vehicle = vehicle
-        self.codec = Codec(vehicle.config.system_id)
+        self.codec = codec
         self.is_gcs = False
+        self.speaks_v2 = False
         self.outbox: list[bytes] = []
-        self.parameter_queue: deque[Any] = deque()
+        self._parameter_queue: deque[Any] = deque()
         self._interval_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
-        self._next_us = 0
-        self._next_parameters_us = 0
+        self._next_parameters_us = _NEVER_US
+        self.next_us = _NEVER_US
         self._text_id = 0
         for message_id in STREAMS:
             self.set_interval(message_id, 0)
@@ -40,9 +42,16 @@ class Session:
         """Leave sequence numbers to frames that were sent outside the session."""
         self.codec.skip(count)
 
+    def hear(self, version: int) -> None:
+        """Answer in the version that is spoken: 1 until the client has shown that it knows 2."""
+        self.speaks_v2 = self.speaks_v2 or version == 2
+        self.codec.version = 2 if self.speaks_v2 else 1
+
     def send(self, message: Any) -> None:
-        """Queue one message."""
-        self.outbox.append(self.codec.encode(message))
+        """Queue one message or payload."""
+        frame = self.codec.encode(message)
+        if frame:
+            self.outbox.append(frame)
 
     def send_text(self, text: Text) -> None:
         """STATUSTEXT in chunks of 50 bytes, to ground stations only."""
@@ -54,6 +63,12 @@ class Session:
         for number, chunk in enumerate(chunks):
             number_of_text = self._text_id if len(chunks) > 1 else 0
             self.send(mavlink.MAVLink_statustext_message(int(text.severity), chunk, number_of_text, number))
+
+    def send_parameters(self, values: list[Any]) -> None:
+        """Begin a list: a few values at a time, in place of a list that is still under way."""
+        self._parameter_queue = deque(values)
+        self._next_parameters_us = self._vehicle.t_us
+        self._schedule()
 
     def interval_us(self, message_id: int) -> int:
         """Current interval; -1 when the message is not streamed."""
@@ -70,7 +85,7 @@ class Session:
             interval_us = max(_MIN_INTERVAL_US, interval_us)
             self._interval_us[message_id] = interval_us
             self._due_us[message_id] = (self._vehicle.t_us // interval_us + 1) * interval_us
-        self._next_us = min(self._due_us.values(), default=2**63)
+        self._schedule()
         return True
 
     def request(self, message_id: int) -> bool:
@@ -85,12 +100,10 @@ class Session:
 
     def poll(self, t_us: int) -> None:
         """Queue every stream message that is due, and a few parameters of a list under way."""
-        if self.parameter_queue and t_us >= self._next_parameters_us:
-            self._next_parameters_us = t_us + _PARAMETERS_EVERY_US
-            for _ in range(min(_PARAMETERS_PER_POLL, len(self.parameter_queue))):
-                self.send(self.parameter_queue.popleft())
-        if t_us < self._next_us:
+        if t_us < self.next_us:
             return
+        if t_us >= self._next_parameters_us:
+            self._send_some_parameters(t_us)
         for message_id, due_us in self._due_us.items():
             if due_us <= t_us:
                 message = STREAMS[message_id][0](self._vehicle)
@@ -98,9 +111,17 @@ class Session:
                     self.send(message)
                 interval_us = self._interval_us[message_id]
                 self._due_us[message_id] = (t_us // interval_us + 1) * interval_us
-        self._next_us = min(self._due_us.values(), default=2**63)
+        self._schedule()
 
     def take(self) -> list[bytes]:
         """Everything queued, in order; the outbox is empty afterwards."""
         frames, self.outbox = self.outbox, []
         return frames
+
+    def _send_some_parameters(self, t_us: int) -> None:
+        for _ in range(min(_PARAMETERS_PER_POLL, len(self._parameter_queue))):
+            self.send(self._parameter_queue.popleft())
+        self._next_parameters_us = t_us + _PARAMETERS_EVERY_US if self._parameter_queue else _NEVER_US
+
+    def _schedule(self) -> None:
+        self.next_us = min(self._next_parameters_us, min(self._due_us.values(), default=_NEVER_US))

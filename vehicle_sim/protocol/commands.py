@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from vehicle_sim.autopilot.commander import FORCE_MAGIC, Result
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.geo import Geodetic
+from vehicle_sim.protocol.session import Session
 from vehicle_sim.rotation import Vector
-from vehicle_sim.session import Session
 from vehicle_sim.vehicle import Vehicle
 
 _CUSTOM_MODE_FLAG = 1

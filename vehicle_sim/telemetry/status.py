@@ -1,21 +1,21 @@
-"""The vehicle's state as MAVLink messages, at PX4's onboard rates. One function a message; units are MAVLink's.
+"""Health, sensors, battery, time and identity as MAVLink messages: those that are sent a few times a second.
 
-Every conversion from SI, NED/FRD happens here. Times are microseconds or milliseconds since boot, never the wall clock.
+Times are microseconds or milliseconds since boot, never the wall clock.
 """
 
-from collections.abc import Callable
-from math import degrees, hypot, isfinite, nan
+from math import hypot
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.guidance import LandTask, ReturnTask
 from vehicle_sim.autopilot.modes import Mode, base_mode
-from vehicle_sim.rotation import euler_from_quaternion, rotate_back
+from vehicle_sim.protocol.payloads import Layout, Payload
 from vehicle_sim.sensors import TEMPERATURE_C, pressure_altitude_m
+from vehicle_sim.telemetry.motion import e7, int16
 from vehicle_sim.vehicle import Vehicle
 
-Builder = Callable[[Vehicle], Any]
+_HIGHRES_IMU = Layout(mavlink.MAVLink_highres_imu_message)
 
 _SENSORS_PRESENT = 0x300402F
 _SENSORS_ENABLED = 0x301402F
@@ -25,7 +25,6 @@ _PREARM_CHECK = 0x10000000
 _UINT16_UNKNOWN = 65535
 _ESTIMATOR_FLAGS_GOOD = 831
 _GPS_FIX_AFTER_S = 2.0
-_NO_COVARIANCE = [nan] + [0.0] * 20
 
 
 def heartbeat(v: Vehicle) -> Any:
@@ -42,24 +41,11 @@ def heartbeat(v: Vehicle) -> Any:
     )
 
 
-def attitude(v: Vehicle) -> Any:
-    """ATTITUDE: Euler angles and body rates of the estimate."""
-    angles = euler_from_quaternion(v.estimate.q_wb_wxyz)
-    return mavlink.MAVLink_attitude_message(_ms(v), *angles, *v.estimate.omega_wb_b_radps)
-
-
-def attitude_quaternion(v: Vehicle) -> Any:
-    """ATTITUDE_QUATERNION."""
-    return mavlink.MAVLink_attitude_quaternion_message(
-        _ms(v), *v.estimate.q_wb_wxyz, *v.estimate.omega_wb_b_radps, [0.0, 0.0, 0.0, 0.0]
-    )
-
-
-def highres_imu(v: Vehicle) -> Any:
+def highres_imu(v: Vehicle) -> Payload:
     """HIGHRES_IMU: raw sensors, FRD."""
     r = v.readings
     altitude_m = pressure_altitude_m(r.pressure_hpa)
-    return mavlink.MAVLink_highres_imu_message(
+    return _HIGHRES_IMU.pack(
         v.t_us,
         *r.specific_force_mps2,
         *r.gyroscope_radps,
@@ -73,88 +59,6 @@ def highres_imu(v: Vehicle) -> Any:
     )
 
 
-def local_position_ned(v: Vehicle) -> Any:
-    """LOCAL_POSITION_NED."""
-    return mavlink.MAVLink_local_position_ned_message(_ms(v), *v.estimate.position_ned_m, *v.estimate.velocity_ned_mps)
-
-
-def odometry(v: Vehicle) -> Any:
-    """ODOMETRY: pose in LOCAL_NED (1), velocity in BODY_FRD (12)."""
-    e = v.estimate
-    return mavlink.MAVLink_odometry_message(
-        v.t_us,
-        mavlink.MAV_FRAME_LOCAL_NED,
-        mavlink.MAV_FRAME_BODY_FRD,
-        *e.position_ned_m,
-        list(e.q_wb_wxyz),
-        *rotate_back(e.q_wb_wxyz, e.velocity_ned_mps),
-        *e.omega_wb_b_radps,
-        _NO_COVARIANCE,
-        _NO_COVARIANCE,
-        0,
-        mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
-        100,
-    )
-
-
-def global_position_int(v: Vehicle) -> Any:
-    """GLOBAL_POSITION_INT of the estimate; heading in centidegrees."""
-    place = v.geo.to_geodetic(v.estimate.position_ned_m)
-    vn, ve, vd = v.estimate.velocity_ned_mps
-    return mavlink.MAVLink_global_position_int_message(
-        _ms(v),
-        _e7(place.latitude_deg),
-        _e7(place.longitude_deg),
-        round(place.altitude_m * 1e3),
-        round(_relative_altitude_m(v) * 1e3),
-        _int16(vn * 100),
-        _int16(ve * 100),
-        _int16(vd * 100),
-        round(_heading_deg(v) * 100) % 36000,
-    )
-
-
-def altitude(v: Vehicle) -> Any:
-    """ALTITUDE."""
-    up = -v.estimate.position_ned_m[2]
-    above_sea = v.geo.origin.altitude_m + up
-    return mavlink.MAVLink_altitude_message(v.t_us, above_sea, above_sea, up, _relative_altitude_m(v), nan, nan)
-
-
-def vfr_hud(v: Vehicle) -> Any:
-    """VFR_HUD."""
-    vn, ve, vd = v.estimate.velocity_ned_mps
-    speed = hypot(vn, ve)
-    above_sea = v.geo.origin.altitude_m - v.estimate.position_ned_m[2]
-    return mavlink.MAVLink_vfr_hud_message(
-        speed, speed, round(_heading_deg(v)) % 360, round(100 * v.autopilot.thrust_sp), above_sea, -vd
-    )
-
-
-def servo_output_raw(v: Vehicle) -> Any:
-    """SERVO_OUTPUT_RAW: 1000 to 2000 us, 900 when disarmed."""
-    armed = v.autopilot.commander.armed
-    outputs = [round(1000 + 1000 * f) if armed else 900 for f in v.fractions]
-    return mavlink.MAVLink_servo_output_raw_message(v.t_us & 0xFFFFFFFF, 0, *outputs, *([0] * 12))
-
-
-def attitude_target(v: Vehicle) -> Any:
-    """ATTITUDE_TARGET."""
-    pilot = v.autopilot
-    return mavlink.MAVLink_attitude_target_message(_ms(v), 0, list(pilot.attitude_sp), *pilot.rate_sp, pilot.thrust_sp)
-
-
-def position_target_local_ned(v: Vehicle) -> Any:
-    """POSITION_TARGET_LOCAL_NED: what the position controller was given; NaN where nothing was."""
-    s = v.autopilot.setpoint
-    values = (*s.position_ned_m, *s.velocity_ned_mps, *s.acceleration_ned_mps2)
-    mask = sum(1 << i for i, value in enumerate(values) if not isfinite(value))
-    mask |= (0 if isfinite(s.yaw_rad) else 1 << 10) | (0 if isfinite(s.yaw_rate_radps) else 1 << 11)
-    return mavlink.MAVLink_position_target_local_ned_message(
-        _ms(v), mavlink.MAV_FRAME_LOCAL_NED, mask, *values, s.yaw_rad, s.yaw_rate_radps
-    )
-
-
 def gps_raw_int(v: Vehicle) -> Any:
     """GPS_RAW_INT."""
     r = v.readings
@@ -165,8 +69,8 @@ def gps_raw_int(v: Vehicle) -> Any:
     return mavlink.MAVLink_gps_raw_int_message(
         v.t_us,
         fix,
-        _e7(place.latitude_deg),
-        _e7(place.longitude_deg),
+        e7(place.latitude_deg),
+        e7(place.longitude_deg),
         millimetres,
         70,
         100,
@@ -193,7 +97,7 @@ def sys_status(v: Vehicle) -> Any:
         health,
         250,
         min(65534, round(b.voltage_v * 1e3)),
-        _int16(b.current_a * 100),
+        int16(b.current_a * 100),
         round(100 * b.charge),
         0,
         0,
@@ -253,8 +157,8 @@ def home_position(v: Vehicle) -> Any:
         return None
     place = v.geo.to_geodetic(home)
     return mavlink.MAVLink_home_position_message(
-        _e7(place.latitude_deg),
-        _e7(place.longitude_deg),
+        e7(place.latitude_deg),
+        e7(place.longitude_deg),
         round(place.altitude_m * 1e3),
         *home,
         [1.0, 0.0, 0.0, 0.0],
@@ -269,7 +173,7 @@ def gps_global_origin(v: Vehicle) -> Any:
     """GPS_GLOBAL_ORIGIN: the local frame's origin."""
     o = v.geo.origin
     return mavlink.MAVLink_gps_global_origin_message(
-        _e7(o.latitude_deg), _e7(o.longitude_deg), round(o.altitude_m * 1e3), v.t_us
+        e7(o.latitude_deg), e7(o.longitude_deg), round(o.altitude_m * 1e3), v.t_us
     )
 
 
@@ -284,7 +188,7 @@ def battery_status(v: Vehicle) -> Any:
         mavlink.MAV_BATTERY_TYPE_LIPO,
         32767,
         cells,
-        _int16(b.current_a * 100),
+        int16(b.current_a * 100),
         round(b.consumed_ah * 1e3),
         -1,
         round(100 * b.charge),
@@ -316,55 +220,8 @@ def autopilot_version(v: Vehicle) -> Any:
     )
 
 
-#: Message id -> (builder, default interval in microseconds; 0 = on request only). Rates: row 16 and the measured list.
-STREAMS: dict[int, tuple[Builder, int]] = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: (heartbeat, 1_000_000),
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: (sys_status, 200_000),
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: (extended_sys_state, 200_000),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: (attitude, 10_000),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: (attitude_quaternion, 20_000),
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: (highres_imu, 20_000),
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: (global_position_int, 20_000),
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: (local_position_ned, 33_333),
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: (odometry, 33_333),
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: (timesync, 100_000),
-    mavlink.MAVLINK_MSG_ID_ALTITUDE: (altitude, 100_000),
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: (vfr_hud, 100_000),
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: (servo_output_raw, 100_000),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: (attitude_target, 100_000),
-    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: (position_target_local_ned, 100_000),
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: (gps_raw_int, 125_000),
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: (estimator_status, 1_000_000),
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: (system_time, 1_000_000),
-    mavlink.MAVLINK_MSG_ID_PING: (ping, 1_000_000),
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: (scaled_pressure, 1_000_000),
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: (home_position, 2_000_000),
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: (battery_status, 2_000_000),
-    mavlink.MAVLINK_MSG_ID_VIBRATION: (vibration, 2_000_000),
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: (gps_global_origin, 0),
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (autopilot_version, 0),
-}
-
-
 def _ms(v: Vehicle) -> int:
     return v.t_us // 1000
-
-
-def _e7(degree: float) -> int:
-    return round(degree * 1e7)
-
-
-def _int16(value: float) -> int:
-    return max(-32767, min(32767, round(value)))
-
-
-def _heading_deg(v: Vehicle) -> float:
-    return degrees(euler_from_quaternion(v.estimate.q_wb_wxyz).yaw_rad) % 360.0
-
-
-def _relative_altitude_m(v: Vehicle) -> float:
-    home = v.autopilot.home_ned_m
-    return (home[2] if home is not None else 0.0) - v.estimate.position_ned_m[2]
 
 
 def _is_landing(v: Vehicle) -> bool:

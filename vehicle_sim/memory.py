@@ -1,0 +1,127 @@
+"""The numbers that the flight kernel reads and writes, as two records of doubles. NED/FRD, SI.
+
+`FLIGHT` changes at every step; `CONSTANTS` when a parameter or a failure changes. One record each, so that a call of the kernel passes
+two pointers; Python reads and writes the same memory through the views of `Fields`.
+"""
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Engaged(IntEnum):
+    """The outermost control loop that runs; those inside it run too."""
+
+    OFF = 0
+    IDLE = 1
+    RATE = 2
+    ATTITUDE = 3
+    POSITION = 4
+
+
+_FLIGHT = [
+    ("step", "i8"),
+    ("engaged", "i8"),
+    ("hold_integral", "i8"),  # of velocity, during the take-off ramp
+    ("landed", "i8"),
+    ("tilt_tangent", "f8"),
+    # truth: State, rotor speeds, the wrench they made, wind and its gust
+    ("x", "f8", 13),
+    ("before", "f8", 13),
+    ("rotors", "f8", 4),
+    ("fractions", "f8", 4),
+    ("wind", "f8", 3),
+    ("gust", "f8", 3),
+    ("battery", "f8", 4),  # charge, V, A, Ah
+    # what is believed: layout of State; its errors (position, velocity, attitude)
+    ("estimate", "f8", 13),
+    ("error", "f8", 9),
+    ("readings", "f8", 13),  # specific force, rates, field, pressure, GPS position
+    # asked for: position, velocity, acceleration, yaw, yaw rate; speed limits horizontal, up, down
+    ("setpoint", "f8", 11),
+    ("speed_limits", "f8", 3),
+    ("attitude_sp", "f8", 4),
+    ("rates_ff", "f8", 3),
+    ("rate_sp", "f8", 3),
+    ("thrust_sp", "f8"),
+    ("velocity_sp", "f8", 3),
+    ("acceleration_sp", "f8", 3),
+    ("thrust_ned", "f8", 3),
+    ("demand", "f8", 4),
+    # memory of the controllers
+    ("acceleration", "f8", 3),
+    ("old_velocity", "f8", 3),
+    ("velocity_integral", "f8", 3),
+    ("rate_integral", "f8", 3),
+    ("smooth_rates", "f8", 3),
+]
+
+_CONSTANTS = [
+    ("dt_s", "f8"),
+    ("slow_s", "f8"),
+    ("slow_every", "i8"),
+    ("readings_every", "i8"),
+    ("attitude_every", "i8"),
+    # body: mass, moments, linear drag, quadratic drag; rotors: RotorModel; share of speed each motor still gives
+    ("mass", "f8"),
+    ("inertia", "f8", 3),
+    ("linear_drag", "f8", 3),
+    ("quadratic_drag", "f8"),
+    ("rotor", "f8", 5),
+    ("lag_keep", "f8"),
+    ("motor_health", "f8", 4),
+    # wind: mean, share kept of a gust, kick
+    ("wind_mean", "f8", 3),
+    ("gust_keep", "f8"),
+    ("gust_kick", "f8", 3),
+    # errors of the estimate: share kept, kicks of position, velocity, attitude
+    ("error_keep", "f8"),
+    ("error_kick", "f8", 3),
+    # standard deviations: accelerometer, gyroscope, magnetometer, barometer, GPS horizontal and vertical; ground altitude
+    ("sensor_std", "f8", 6),
+    ("ground_altitude", "f8"),
+    # battery: cells, capacity, resistance, base current, efficiency
+    ("pack", "f8", 5),
+    # control
+    ("position_gains", "f8", 13),
+    ("attitude_gains", "f8", 7),
+    ("rate_p", "f8", 3),
+    ("rate_i", "f8", 3),
+    ("rate_d", "f8", 3),
+    ("rate_ff", "f8", 3),
+    ("rate_integral_limit", "f8", 3),
+    ("rate_keep", "f8"),
+]
+
+
+#: Records, so that the kernel also runs as plain Python (its test against itself compiled).
+FLIGHT = np.dtype((np.record, _FLIGHT))
+CONSTANTS = np.dtype((np.record, _CONSTANTS))
+
+
+class Fields:
+    """Views of one record by name: `fields.x` is an array, `fields.get("step")` and `fields.put("step", 1)` a number."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.record: NDArray[Any] = np.zeros(1, dtype)
+        self._views: dict[str, Array] = {
+            name: self.record[name][0] for name in dtype.names or () if dtype[name].shape
+        }
+
+    def __getattr__(self, name: str) -> Array:
+        try:
+            return self._views[name]
+        except KeyError as error:
+            raise AttributeError(name) from error
+
+    def get(self, name: str) -> float:
+        """A scalar field."""
+        return float(self.record[name][0])
+
+    def put(self, name: str, value: float) -> None:
+        """Set a scalar field, or all of an array field from a sequence."""
+        self.record[name][0] = value
