@@ -45,6 +45,7 @@ class Autopilot:
         self.phase = Phase.DISARMED
         self.setpoint = _NOTHING
         self._flight, self._constants = flight, constants
+        self._orders = flight.block("engaged", "speed_limits")
         self._period_s = constants.get("slow_s")
         self.steering = Steering(parameters, self._period_s)
         self._detector = LandedDetector(LandedLimits.of(parameters))
@@ -213,21 +214,24 @@ class Autopilot:
         flight = self._flight
         if steer.engaged is Engaged.POSITION:
             s = steer.setpoint
-            flight.setpoint[:] = (
+            self._orders.write(
+                steer.engaged,
+                self.phase is Phase.RAMPUP,
+                self.landed,
+                tan(self._next_tilt_rad()),
                 *s.position_ned_m,
                 *s.velocity_ned_mps,
                 *s.acceleration_ned_mps2,
                 self.steering.yaw_rad,
                 s.yaw_rate_radps,
+                *self._speed_limits(),
             )
-            flight.speed_limits[:] = self._speed_limits()
-            flight.put("hold_integral", self.phase is Phase.RAMPUP)
-            flight.put("tilt_tangent", tan(self._next_tilt_rad()))
-        else:
-            flight.attitude_sp[:] = steer.attitude_sp
-            flight.put("thrust_sp", steer.thrust)
-            if self.phase is Phase.RAMPUP:
-                self._enter(Phase.FLIGHT)
+            return
+        flight.put("landed", self.landed)
+        flight.attitude_sp[:] = steer.attitude_sp
+        flight.put("thrust_sp", steer.thrust)
+        if self.phase is Phase.RAMPUP:
+            self._enter(Phase.FLIGHT)
         flight.put("engaged", steer.engaged)
 
     def _engage(self, engaged: Engaged) -> None:
@@ -259,6 +263,5 @@ class Autopilot:
         was_landed = self.landed
         share = thrust / self.parameters["MPC_THR_HOVER"]
         self._detector.update(estimate.position_ned_m, estimate.velocity_ned_mps, asked_down_mps, share, self._period_s)
-        self._flight.put("landed", self.landed)
         if was_landed != self.landed and self.phase not in (Phase.DISARMED, Phase.SPOOLUP):
             self.commander.say(Severity.INFO, "Landing detected" if self.landed else "Takeoff detected")
