@@ -22,7 +22,8 @@ from rotorpy.trajectories.circular_traj import ThreeDCircularTraj
 
 for hz in (100, 400):
     vehicle, control = Multirotor(quad_params), SE3Control(quad_params)
-    path = ThreeDCircularTraj(center=np.array([0, 0, 3.0]), radius=np.array([9.0, 9.0, 0.0]), freq=np.array([1.0, 1.0, 0.0]) / 3.0 / (2 * np.pi))
+    flat, turns_hz = np.array([1.0, 1.0, 0.0]), 3.0 / 9.0 / (2 * np.pi)
+    path = ThreeDCircularTraj(center=np.array([0, 0, 3.0]), radius=9.0 * flat, freq=turns_hz * flat)
     state, dt, seconds = dict(vehicle.initial_state), 1.0 / hz, 4.0
     state["x"] = path.update(0.0)["x"]
     begin = time.perf_counter()

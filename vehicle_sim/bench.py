@@ -10,8 +10,8 @@ from math import cos, sin
 from time import perf_counter, process_time
 from typing import Any
 
-from vehicle_sim.autopilot.commander import Result
 from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.results import Result
 from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.errors import VehicleError

@@ -86,6 +86,25 @@ class BatteryConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class FailureConfig:
+    """A part that fails, or is `ok` again, at a time since boot; `wind` is a step to a new mean wind."""
+
+    at_s: NonNegative
+    part: Literal["motor", "gps", "barometer", "magnetometer", "battery", "wind"]
+    ok: bool = False
+    instance: Annotated[int, Field(ge=0, le=4, description="motor 1 to 4 in PX4's order, 0 for all")] = 0
+    wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SigningConfig:
+    """MAVLink 2 signing: on when there is a passphrase."""
+
+    passphrase: Annotated[str, Field(description="as typed into the ground station; empty: no signing")] = ""
+    epoch: Annotated[int, Field(ge=0, description="time stamp at boot, in 10 us since 2015")] = 0
+
+
+@dataclass(frozen=True, config=_STRICT)
 class HomeConfig:
     """Where the local origin lies on the earth (WGS84)."""
 
@@ -105,6 +124,8 @@ class VehicleConfig:
     home: HomeConfig = field(default_factory=HomeConfig)
     initial_yaw_deg: Annotated[float, Field(ge=-360, le=360, description="heading at boot, clockwise from north")] = 0.0
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    signing: SigningConfig = field(default_factory=SigningConfig)
+    failures: tuple[FailureConfig, ...] = ()
     parameters: Annotated[dict[str, float | int], Field(description="PX4 parameters by name")] = field(
         default_factory=dict
     )

@@ -4,7 +4,7 @@
 are due, controllers from the estimate, rotors, body, then the estimate of the new state, so that estimate and truth are of one time.
 """
 
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any
 
 from vehicle_sim.autopilot.attitude_control import (
@@ -47,6 +47,8 @@ NOISE_COLUMNS = (
 _OFF, _IDLE = int(Engaged.OFF), int(Engaged.IDLE)
 _ATTITUDE, _POSITION = int(Engaged.ATTITUDE), int(Engaged.POSITION)
 _IDLE_THRUST = 0.05
+_MAG_LOST, _BARO_LOST, _GPS_LOST = 1, 2, 4
+_DRIFT_MPS_PER_ROOT_S = 0.1
 _ACCELERATION_KEEP = 0.75
 
 
@@ -90,11 +92,22 @@ def _draw(m: Any, c: Any, n: Any) -> None:
     model = ErrorModel(c.error_keep, c.error_kick[0], c.error_kick[1], c.error_kick[2])
     error = EstimateError(_three(m.error), _three(m.error, 3), _three(m.error, 6))
     error = next_error(error, model, _three(n, 6), _three(n, 9), _three(n, 12))
-    _put(m.error, error.position_m)
-    _put(m.error, error.velocity_mps, 3)
+    if c.sensors_lost & _GPS_LOST:
+        _drift(m, c, n)
+    else:
+        _put(m.error, error.position_m)
+        _put(m.error, error.velocity_mps, 3)
     _put(m.error, error.attitude_rad, 6)
     if m.step % c.readings_every == 0:
         _read_sensors(m, c, n)
+
+
+@inlined
+def _drift(m: Any, c: Any, n: Any) -> None:
+    """Dead reckoning without GPS: the velocity's error walks, the position's is its integral."""
+    for i in range(3):
+        m.error[3 + i] += _DRIFT_MPS_PER_ROOT_S * sqrt(c.slow_s) * n[9 + i]
+        m.error[i] += m.error[3 + i] * c.slow_s
 
 
 @inlined
@@ -102,8 +115,12 @@ def _read_sensors(m: Any, c: Any, n: Any) -> None:
     x, std = _state(m.x), c.sensor_std
     _put(m.readings, noisy(specific_force(_state(m.before), x, c.dt_s), std[0], _three(n, 15)))
     _put(m.readings, noisy((x.p, x.q, x.r), std[1], _three(n, 25)), 3)
-    _put(m.readings, noisy(magnetic_field(x), std[2], _three(n, 18)), 6)
-    m.readings[9] = pressure_hpa(c.ground_altitude - x.d) + std[3] * n[21]
+    if not c.sensors_lost & _MAG_LOST:
+        _put(m.readings, noisy(magnetic_field(x), std[2], _three(n, 18)), 6)
+    if not c.sensors_lost & _BARO_LOST:
+        m.readings[9] = pressure_hpa(c.ground_altitude - x.d) + std[3] * n[21]
+    if c.sensors_lost & _GPS_LOST:
+        return
     m.readings[10] = x.n + std[4] * n[22]
     m.readings[11] = x.e + std[4] * n[23]
     m.readings[12] = x.d + std[5] * n[24]

@@ -77,6 +77,7 @@ _CONSTANTS = [
     ("rotor", "f8", 5),
     ("lag_keep", "f8"),
     ("motor_health", "f8", 4),
+    ("sensors_lost", "i8"),  # bits: magnetometer 1, barometer 2, GPS 4
     # wind: mean, share kept of a gust, kick
     ("wind_mean", "f8", 3),
     ("gust_keep", "f8"),
@@ -111,9 +112,7 @@ class Fields:
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self.record: NDArray[Any] = np.zeros(1, dtype)
-        self._views: dict[str, Array] = {
-            name: self.record[name][0] for name in dtype.names or () if dtype[name].shape
-        }
+        self._views: dict[str, Array] = {name: self.record[name][0] for name in dtype.names or () if dtype[name].shape}
 
     def __getattr__(self, name: str) -> Array:
         try:
@@ -143,8 +142,8 @@ class Block:
         codes = ("q" if kind.base.kind == "i" else "d" for kind in kinds)
         counts = (int(np.prod(kind.shape)) for kind in kinds)
         self._layout = Struct("=" + "".join(f"{count}{code}" for count, code in zip(counts, codes, strict=True)))
-        self._buffer = record.view(np.uint8)
-        fields = record.dtype.fields or {}
+        self._buffer: Any = record.view(np.uint8)
+        fields: dict[str, Any] = dict(record.dtype.fields or {})
         self._offset = int(fields[first][1])
 
     def write(self, *values: float) -> None:

@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from vehicle_sim.autopilot.commander import Severity, Text
+from vehicle_sim.autopilot.results import Severity, Text
 from vehicle_sim.config import RunConfig, run_as_dict
 from vehicle_sim.errors import VehicleError
 from vehicle_sim.proto.vehicle_telemetry_pb2 import VehicleTelemetry

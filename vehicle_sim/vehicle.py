@@ -11,6 +11,7 @@ from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.battery import BatteryState, Pack, fresh_battery
 from vehicle_sim.config import SensorsConfig, VehicleConfig
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, specific_force, state_at_rest
+from vehicle_sim.failures import Failure, Failures
 from vehicle_sim.flight import NOISE_COLUMNS, advance, believe
 from vehicle_sim.geo import GeoFrame
 from vehicle_sim.memory import CONSTANTS, FLIGHT, Fields
@@ -50,7 +51,9 @@ class Vehicle:
         self.geo = GeoFrame.at(config.home)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
         self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self.flight, self.constants)
+        self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
         self._estimate: Estimate | None = None
+        advance(self.flight.record, self.constants.record, self._noise.values, 0, 0)
 
     @property
     def t_s(self) -> float:
@@ -119,6 +122,8 @@ class Vehicle:
         while count > 0:
             phase = self._steps % self._slow_every
             if phase == 0:
+                self.failures.update(self.t_us * 1e-6)
+                self.autopilot.commander.health.estimate_good = not self.failures.gps_lost
                 self.autopilot.tick(self.t_us * 1e-6, self.estimate, float(self.flight.battery[0]))
             if self._row == _NOISE_ROWS:
                 self._noise.refill()
@@ -130,6 +135,10 @@ class Vehicle:
             self.t_us += batch * self.step_us
             self._estimate = None
             count -= batch
+
+    def inject_failure(self, unit: int | None, kind: int | None, instance: int) -> bool:
+        """MAV_CMD_INJECT_FAILURE; false when this vehicle cannot fail so."""
+        return self.failures.inject(unit, kind, instance)
 
     def specific_force_mps2(self) -> Vector:
         """What the accelerometer feels, without noise, body axes."""

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.autopilot.commander import Severity, Text
+from vehicle_sim.autopilot.results import Severity, Text
 from vehicle_sim.config import HomeConfig, SensorsConfig, VehicleConfig
 from vehicle_sim.protocol.codec import Codec, split_frames
 from vehicle_sim.protocol.node import Node
@@ -69,7 +69,9 @@ def test_streams_run_at_the_onboard_rates(client: Client) -> None:
         **dict.fromkeys(("LOCAL_POSITION_NED", "ODOMETRY"), 30),
         **dict.fromkeys(("TIMESYNC", "ALTITUDE", "VFR_HUD", "SERVO_OUTPUT_RAW", "ATTITUDE_TARGET"), 10),
         **dict.fromkeys(("SYS_STATUS", "EXTENDED_SYS_STATE"), 5),
-        **dict.fromkeys(("HEARTBEAT", "ESTIMATOR_STATUS", "SYSTEM_TIME", "PING", "SCALED_PRESSURE"), 1),
+        **dict.fromkeys(
+            ("HEARTBEAT", "ESTIMATOR_STATUS", "SYSTEM_TIME", "PING", "SCALED_PRESSURE", "MISSION_CURRENT"), 1
+        ),
         **dict.fromkeys(("HOME_POSITION", "BATTERY_STATUS", "VIBRATION"), 0.5),
         "POSITION_TARGET_LOCAL_NED": 10,
         "ATTITUDE": 100,
@@ -222,13 +224,6 @@ def test_parameters_are_read_set_and_refused(client: Client) -> None:
     assert (store["MPC_XY_P"], store.integer("COM_OBL_RC_ACT")) == (1.25, 5)
     assert set_to("NO_SUCH", 1.0, 9) == []
     assert client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
-
-
-def test_there_is_no_mission(client: Client) -> None:
-    (count,) = named(client.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0)), "MISSION_COUNT")
-    assert count.count == 0
-    (refusal,) = named(client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0)), "MISSION_ACK")
-    assert refusal.type == mavlink.MAV_MISSION_UNSUPPORTED
 
 
 def test_refused_setpoints_are_no_proof_of_life(client: Client) -> None:

@@ -4,17 +4,27 @@
 in seconds since boot.
 """
 
-from dataclasses import replace
 from enum import Enum
 from math import isfinite, nan, radians, tan
 
-from vehicle_sim.autopilot.commander import Commander, Links, Result, Severity
+from vehicle_sim.autopilot.commander import Commander, Links
+from vehicle_sim.autopilot.contract import Event
 from vehicle_sim.autopilot.gains import write_gains
+from vehicle_sim.autopilot.geofence import Zone, is_outside
 from vehicle_sim.autopilot.guidance import HoldTask, Sticks, Task
 from vehicle_sim.autopilot.landed import LandedDetector, LandedLimits
-from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.mission import MissionTask
+from vehicle_sim.autopilot.modes import STICK_MODES, Mode
 from vehicle_sim.autopilot.parameters import ParameterStore
-from vehicle_sim.autopilot.setpoints import Refusal, SetpointMessage, TrajectorySetpoint, interpret_setpoint
+from vehicle_sim.autopilot.results import Result, Severity
+from vehicle_sim.autopilot.setpoints import (
+    AttitudeSetpoint,
+    Refusal,
+    SetpointMessage,
+    TrajectorySetpoint,
+    interpret_setpoint,
+    needs_position,
+)
 from vehicle_sim.autopilot.steering import Steer, Steering
 from vehicle_sim.memory import Engaged, Fields
 from vehicle_sim.rotation import Vector, quaternion_from_euler, yaw_of
@@ -23,6 +33,7 @@ from vehicle_sim.sensors import Estimate
 _GRAVITY = 9.80665
 _TILT_SLEW_RADPS = 1.0
 _NOTHING = TrajectorySetpoint()
+_JOYSTICK_MODES = (1, 2, 3)
 
 
 class Phase(Enum):
@@ -48,6 +59,7 @@ class Autopilot:
         self._orders = flight.block("engaged", "speed_limits")
         self._period_s = constants.get("slow_s")
         self.steering = Steering(parameters, self._period_s)
+        self.zones: tuple[Zone, ...] = ()
         self._detector = LandedDetector(LandedLimits.of(parameters))
         self._t_s = 0.0
         self._ticks = 0
@@ -97,29 +109,50 @@ class Autopilot:
             if complain:
                 self.commander.say(Severity.CRITICAL, setpoint.text)
             return False
-        self.steering.offboard = setpoint
-        self.links = replace(self.links, offboard_s=self._t_s)
+        self.steering.offboard, self.steering.offboard_attitude = setpoint, None
+        self.commander.health.offboard_needs_position = needs_position(setpoint)
+        self.links = Links(self._t_s, self.links.manual_s, self.links.gcs_s)
         return True
 
+    def receive_attitude(self, setpoint: AttitudeSetpoint) -> None:
+        """SET_ATTITUDE_TARGET: proof of life too, and flyable without a position."""
+        self.steering.offboard_attitude = setpoint
+        self.commander.health.offboard_needs_position = False
+        self.links = Links(self._t_s, self.links.manual_s, self.links.gcs_s)
+
     def receive_sticks(self, sticks: Sticks) -> None:
-        """MANUAL_CONTROL."""
+        """MANUAL_CONTROL, listened to when COM_RC_IN_MODE allows joysticks; moved sticks may take over (COM_RC_OVERRIDE)."""
+        if self.parameters.integer("COM_RC_IN_MODE") not in _JOYSTICK_MODES:
+            return
+        moved = max(abs(now - then) for now, then in zip(sticks[:2], self.steering.sticks[:2], strict=True))
+        had_sticks = self._t_s - self.links.manual_s <= self.parameters["COM_RC_LOSS_T"]
         self.steering.sticks = sticks
-        self.links = replace(self.links, manual_s=self._t_s)
+        self.links = Links(self.links.offboard_s, self._t_s, self.links.gcs_s)
+        mode = self.commander.flown_mode
+        bit = 2 if mode is Mode.OFFBOARD else 1
+        allowed = mode not in STICK_MODES and self.parameters.integer("COM_RC_OVERRIDE") & bit
+        pushed = max(abs(sticks.forward), abs(sticks.right)) * 100.0 > self.parameters["COM_RC_STICK_OV"]
+        if self.commander.armed and allowed and had_sticks and moved > 0.0 and pushed:
+            self.commander.say(Severity.INFO, "Pilot took over using sticks")
+            self.request_mode(Mode.POSCTL)
 
     def receive_gcs_heartbeat(self) -> None:
         """HEARTBEAT of a ground station."""
-        self.links = replace(self.links, gcs_s=self._t_s)
+        self.links = Links(self.links.offboard_s, self.links.manual_s, self._t_s)
 
-    def request_mode(self, mode: Mode) -> Result:
-        """DO_SET_MODE and the commands that imply one."""
-        return self.commander.request_mode(mode, self._t_s, self.links)
+    def request_mode(self, mode: Mode | None) -> Result:
+        """DO_SET_MODE and the commands that imply one; None is a mode that does not exist."""
+        return self.commander.request(Event.MODE, self._t_s, self.links, mode)
 
     def request_takeoff(self, estimate: Estimate, altitude_d_m: float) -> Result:
-        """NAV_TAKEOFF; NaN means MIS_TAKEOFF_ALT above where the vehicle stands."""
+        """NAV_TAKEOFF; NaN, or less than MIS_TAKEOFF_ALT above where the vehicle is, means that height."""
         result = self.request_mode(Mode.TAKEOFF)
         if result is Result.ACCEPTED:
-            default = estimate.position_ned_m[2] - self.parameters["MIS_TAKEOFF_ALT"]
-            self.steering.take_off_to(altitude_d_m if isfinite(altitude_d_m) else default)
+            least = self.parameters["MIS_TAKEOFF_ALT"]
+            lowest_d_m = estimate.position_ned_m[2] - least
+            if isfinite(altitude_d_m) and altitude_d_m > lowest_d_m:
+                self.commander.say(Severity.WARNING, f"Using minimum takeoff altitude: {least:.2f} m")
+            self.steering.take_off_to(min(altitude_d_m, lowest_d_m) if isfinite(altitude_d_m) else lowest_d_m)
         return result
 
     def request_reposition(self, estimate: Estimate, target_ned_m: Vector, yaw_rad: float, speed_mps: float) -> Result:
@@ -133,20 +166,27 @@ class Autopilot:
         return result
 
     def request_speed(self, speed_mps: float) -> Result:
-        """DO_CHANGE_SPEED: the cruise speed of Hold on its way to a place."""
+        """DO_CHANGE_SPEED: the cruise speed of Hold on its way to a place, and of a mission."""
         if not (isfinite(speed_mps) and speed_mps > 0.0):
             return Result.DENIED
+        speed_mps = min(speed_mps, self.parameters["MPC_XY_VEL_MAX"])
         if isinstance(self.task, HoldTask):
-            self.task.cruise_mps = min(speed_mps, self.parameters["MPC_XY_VEL_MAX"])
+            self.task.cruise_mps = speed_mps
+        elif isinstance(self.task, MissionTask):
+            self.task.set_cruise(speed_mps)
         return Result.ACCEPTED
 
     def request_arm(self) -> Result:
         """COMPONENT_ARM_DISARM with 1. There is no forcing: a vehicle that is not ready cannot fly."""
-        return self.commander.arm(self._t_s, self.links)
+        return self.commander.request(Event.ARM, self._t_s, self.links)
 
     def request_disarm(self, force: bool = False) -> Result:
         """COMPONENT_ARM_DISARM with 0."""
-        return self.commander.disarm(self._t_s, self.links, self.landed, force=force)
+        return self.commander.request(Event.FORCE_DISARM if force else Event.DISARM, self._t_s, self.links)
+
+    def request_termination(self) -> Result:
+        """DO_FLIGHTTERMINATION."""
+        return self.commander.request(Event.TERMINATE, self._t_s, self.links)
 
     def _read_parameters(self) -> None:
         if self._revision != self.parameters.revision:
@@ -158,7 +198,12 @@ class Autopilot:
         self._read_parameters()
         commander = self.commander
         was_armed = commander.armed
-        commander.update(self._t_s, self.links, self.landed, battery_charge)
+        health, steering = commander.health, self.steering
+        health.landed, health.battery, health.mission_ready = self.landed, battery_charge, steering.mission.ready
+        health.geofence_broken = self.home_ned_m is not None and is_outside(
+            estimate.position_ned_m, self.home_ned_m, self.zones, self.parameters
+        )
+        commander.update(self._t_s, self.links)
         if self.home_ned_m is None and commander.is_ready():
             self.home_ned_m = estimate.position_ned_m
         if commander.armed and self.phase is Phase.DISARMED:
@@ -187,12 +232,12 @@ class Autopilot:
     def _steer(self, estimate: Estimate) -> None:
         mode = self.commander.flown_mode
         steer = self.steering.choose(mode, estimate, self._t_s)
-        if mode is Mode.TAKEOFF and self.task is not None and self.task.finished:
+        if mode in (Mode.TAKEOFF, Mode.MISSION) and self.task is not None and self.task.finished:
             self.request_mode(Mode.LOITER)
         self.setpoint = steer.setpoint
         if self.landed and self.phase is Phase.FLIGHT:
             self._enter(Phase.READY)
-        if self.phase is Phase.READY and self.steering.wants_takeoff(mode, steer.setpoint, estimate):
+        if self.phase is Phase.READY and self.steering.wants_takeoff(mode, steer, estimate):
             self._enter(Phase.RAMPUP)
         in_contact = self._detector.ground_contact and self.phase is Phase.FLIGHT
         if mode is Mode.TERMINATE:
@@ -228,7 +273,11 @@ class Autopilot:
             )
             return
         flight.put("landed", self.landed)
-        flight.attitude_sp[:] = steer.attitude_sp
+        if steer.engaged is Engaged.RATE:
+            flight.rate_sp[:] = steer.rates
+        else:
+            flight.attitude_sp[:] = steer.attitude_sp
+            flight.rates_ff[:] = steer.rates
         flight.put("thrust_sp", steer.thrust)
         if self.phase is Phase.RAMPUP:
             self._enter(Phase.FLIGHT)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.autopilot.commander import Text
+from vehicle_sim.autopilot.results import Text
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle

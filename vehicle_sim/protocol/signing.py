@@ -37,9 +37,11 @@ def key_of(passphrase: str) -> bytes:
 class Signing:
     """One vehicle's key and clock; `stamp` is the newest time stamp made or believed."""
 
-    def __init__(self, key: bytes, stamp: int) -> None:
+    def __init__(self, key: bytes, epoch: int) -> None:
+        """`epoch` is the time stamp at boot."""
         self._key = key
-        self.stamp = stamp
+        self._epoch = epoch
+        self.stamp = epoch
         self._streams: dict[tuple[int, int, int], int] = {}
         self.refused: Counter[Refused] = Counter()
 
@@ -49,9 +51,9 @@ class Signing:
         tail = bytes((link_id,)) + self.stamp.to_bytes(6, "little")
         return frame + tail + sha256(self._key + frame + tail).digest()[:6]
 
-    def reach(self, stamp: int) -> None:
-        """The clock says it is at least `stamp`."""
-        self.stamp = max(self.stamp, stamp)
+    def reach_us(self, t_us: int) -> None:
+        """The clock says so many microseconds since boot."""
+        self.stamp = max(self.stamp, self._epoch + t_us // 10)
 
     def problem(self, frame: bytes) -> Refused | None:
         """None when the frame may be listened to."""

@@ -8,7 +8,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.autopilot.guidance import LandTask, ReturnTask
+from vehicle_sim.autopilot.guidance import DescendTask, LandTask, ReturnTask
+from vehicle_sim.autopilot.mission import MissionTask
 from vehicle_sim.autopilot.modes import Mode, base_mode
 from vehicle_sim.protocol.payloads import Layout, Payload
 from vehicle_sim.sensors import TEMPERATURE_C, pressure_altitude_m
@@ -205,28 +206,13 @@ def vibration(v: Vehicle) -> Any:
     return mavlink.MAVLink_vibration_message(v.t_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
-def autopilot_version(v: Vehicle) -> Any:
-    """AUTOPILOT_VERSION."""
-    capabilities = (
-        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
-        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    )
-    return mavlink.MAVLink_autopilot_version_message(
-        capabilities, 0x011000FF, 0x011000FF, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, v.config.system_id, [0] * 18
-    )
-
-
 def _ms(v: Vehicle) -> int:
     return v.t_us // 1000
 
 
 def _is_landing(v: Vehicle) -> bool:
     task = v.autopilot.task
-    return isinstance(task, LandTask) or (isinstance(task, ReturnTask) and task.landing)
+    return isinstance(task, LandTask | DescendTask) or (isinstance(task, ReturnTask | MissionTask) and task.landing)
 
 
 def _charge_state(v: Vehicle) -> int:
