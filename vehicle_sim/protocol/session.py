@@ -4,13 +4,14 @@ Like an instance of PX4's mavlink module: intervals, parameter lists and status 
 """
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.results import Text
 from vehicle_sim.protocol.codec import Codec
-from vehicle_sim.telemetry.streams import STREAMS
+from vehicle_sim.telemetry.streams import DEFAULT_INTERVALS_US, STREAMS
 from vehicle_sim.vehicle import Vehicle
 
 _CHUNK = 50
@@ -23,7 +24,7 @@ _NEVER_US = 2**63
 class Session:
     """Streams and replies to one client. `outbox` holds encoded frames in order; `next_us` is when `poll` has something to do."""
 
-    def __init__(self, vehicle: Vehicle, codec: Codec) -> None:
+    def __init__(self, vehicle: Vehicle, codec: Codec, intervals_us: Mapping[int, int] = DEFAULT_INTERVALS_US) -> None:
         self._vehicle = vehicle
         self.codec = codec
         self.is_gcs = False
@@ -35,7 +36,8 @@ class Session:
         self._next_parameters_us = _NEVER_US
         self.next_us = _NEVER_US
         self._text_id = 0
-        for message_id in STREAMS:
+        self._default_us = intervals_us
+        for message_id in intervals_us:
             self.set_interval(message_id, 0)
 
     def skip_sequence(self, count: int) -> None:
@@ -78,7 +80,7 @@ class Session:
         """0 restores the default, -1 stops. False when the message cannot be sent at all."""
         if message_id not in STREAMS:
             return False
-        interval_us = interval_us or STREAMS[message_id][1]
+        interval_us = interval_us or self._default_us.get(message_id, 0)
         self._due_us.pop(message_id, None)
         self._interval_us.pop(message_id, None)
         if interval_us > 0:

@@ -40,3 +40,9 @@ STREAMS: dict[int, tuple[Builder, int]] = {
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: (motion.hil_state_quaternion, 0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (identity.mission_current, 1_000_000),
 }
+DEFAULT_INTERVALS_US: dict[int, int] = {number: interval_us for number, (_, interval_us) in STREAMS.items()}
+#: What goes to the port of the true state.
+TRUTH_STREAMS: dict[int, int] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20_000,
+}
