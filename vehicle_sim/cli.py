@@ -6,6 +6,7 @@
 import argparse
 import dataclasses
 import gc
+import os
 import signal
 import sys
 import threading
@@ -161,7 +162,8 @@ def _listen_to_signals(stop: list[int], control: Any) -> None:
 
 
 def _stop_at_eof(stop: list[int]) -> None:
-    sys.stdin.buffer.read()
+    while os.read(0, 4096):  # not sys.stdin: its lock would be held when the interpreter ends
+        pass
     stop.append(signal.SIGTERM)
 
 

@@ -10,55 +10,17 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.results import Severity, Text
-from vehicle_sim.config import HomeConfig, SensorsConfig, VehicleConfig
+from vehicle_sim.config import HomeConfig, VehicleConfig
 from vehicle_sim.protocol.codec import Codec, split_frames
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
 
-CLIENT, OTHER = "client", "other"
-EXACT = SensorsConfig(
-    estimate_position_std_m=0, estimate_velocity_std_mps=0, estimate_attitude_std_rad=0, gyroscope_std_radps=0
-)
-
-
-class Client:
-    """Talks to a node as one client would."""
-
-    def __init__(self, node: Node, name: str = CLIENT, system: int = 245, component: int = 190) -> None:
-        self.node, self.name = node, name
-        self.mav = mavlink.MAVLink(None, system, component)
-        self.codec = Codec(1)
-        node.session(name)
-
-    def send(self, message: Any) -> list[Any]:
-        """Send, and return what comes back at once."""
-        for received in self.codec.decode(message.pack(self.mav)):
-            self.node.handle(self.name, received)
-        return self.receive()
-
-    def receive(self) -> list[Any]:
-        frames = self.node.take(self.node.session(self.name))
-        return [received.message for frame in frames for received in self.codec.decode(frame)]
-
-    def run(self, seconds: float) -> list[Any]:
-        self.node.advance_to(self.node.vehicle.t_us + round(seconds * 1e6))
-        return self.receive()
-
-    def command(self, number: int, *parameters: float, system: int = 1) -> list[Any]:
-        padded = [*parameters, *([0.0] * (7 - len(parameters)))]
-        return self.send(mavlink.MAVLink_command_long_message(system, 1, number, 0, *padded))
-
-    def results(self, number: int, *parameters: float) -> list[int]:
-        return [m.result for m in self.command(number, *parameters) if m.get_type() == "COMMAND_ACK"]
+from .node_client import CLIENT, EXACT, OTHER, Client, named
 
 
 @pytest.fixture
 def client() -> Client:
     return Client(Node(Vehicle(VehicleConfig(sensors=EXACT, initial_yaw_deg=90.0), 1), lockstep=False))
-
-
-def named(messages: list[Any], name: str) -> list[Any]:
-    return [m for m in messages if m.get_type() == name]
 
 
 def test_streams_run_at_the_onboard_rates(client: Client) -> None:

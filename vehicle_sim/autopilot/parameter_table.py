@@ -14,7 +14,7 @@ COM_DISARM_LAND   f  2      -1    20      s      disarm this long after landing;
 COM_DISARM_PRFLT  f  10     -1    300     s      disarm when armed this long without take-off; 0 or less: never
 COM_DL_LOSS_T     i  10     5     300     s      ground station silent this long is lost
 COM_LOW_BAT_ACT   i  0      0     3       -      0 warn, 2 land when critical, 3 return when critical, land in an emergency
-COM_OBL_RC_ACT    i  0      0     7       -      offboard lost: 0 Position, 1 Altitude, 2 Stabilized, 3 Return, 4 Land, 5 Hold, 6 terminate, 7 disarm
+COM_OBL_RC_ACT    i  0      0     7       -      offboard lost: 0-2 sticks, 3 Return, 4 Land, 5 Hold, 6 terminate, 7 disarm
 COM_OF_LOSS_T     f  1      0     60      s      set-points missing this long are lost
 COM_RCL_EXCEPT    i  0      0     31      -      modes in which lost sticks do not matter: 1 Mission, 2 Hold, 4 Offboard
 COM_RC_IN_MODE    i  3      0     4       -      sticks: 0 radio only, 1 joystick, 2 both, 3 first, 4 none
