@@ -142,7 +142,7 @@ class Autopilot:
 
     def request_mode(self, mode: Mode | None) -> Result:
         """DO_SET_MODE and the commands that imply one; None is a mode that does not exist."""
-        return self.commander.request(Event.MODE, self._t_s, self.links, mode)
+        return self._request(Event.MODE, mode)
 
     def request_takeoff(self, estimate: Estimate, altitude_d_m: float) -> Result:
         """NAV_TAKEOFF; NaN, or less than MIS_TAKEOFF_ALT above where the vehicle is, means that height."""
@@ -178,15 +178,23 @@ class Autopilot:
 
     def request_arm(self) -> Result:
         """COMPONENT_ARM_DISARM with 1. There is no forcing: a vehicle that is not ready cannot fly."""
-        return self.commander.request(Event.ARM, self._t_s, self.links)
+        return self._request(Event.ARM)
 
     def request_disarm(self, force: bool = False) -> Result:
         """COMPONENT_ARM_DISARM with 0."""
-        return self.commander.request(Event.FORCE_DISARM if force else Event.DISARM, self._t_s, self.links)
+        return self._request(Event.FORCE_DISARM if force else Event.DISARM)
 
     def request_termination(self) -> Result:
         """DO_FLIGHTTERMINATION."""
-        return self.commander.request(Event.TERMINATE, self._t_s, self.links)
+        return self._request(Event.TERMINATE)
+
+    def _request(self, event: Event, mode: Mode | None = None) -> Result:
+        self._refresh_health()
+        return self.commander.request(event, self._t_s, self.links, mode)
+
+    def _refresh_health(self) -> None:
+        health = self.commander.health
+        health.landed, health.mission_ready = self.landed, self.steering.mission.ready
 
     def _read_parameters(self) -> None:
         if self._revision != self.parameters.revision:
@@ -198,11 +206,12 @@ class Autopilot:
         self._read_parameters()
         commander = self.commander
         was_armed = commander.armed
-        health, steering = commander.health, self.steering
-        health.landed, health.battery, health.mission_ready = self.landed, battery_charge, steering.mission.ready
+        health = commander.health
+        health.battery = battery_charge
         health.geofence_broken = self.home_ned_m is not None and is_outside(
             estimate.position_ned_m, self.home_ned_m, self.zones, self.parameters
         )
+        self._refresh_health()
         commander.update(self._t_s, self.links)
         if self.home_ned_m is None and commander.is_ready():
             self.home_ned_m = estimate.position_ned_m
@@ -233,7 +242,10 @@ class Autopilot:
         mode = self.commander.flown_mode
         steer = self.steering.choose(mode, estimate, self._t_s)
         if mode in (Mode.TAKEOFF, Mode.MISSION) and self.task is not None and self.task.finished:
+            done = self.task
             self.request_mode(Mode.LOITER)
+            if isinstance(done, MissionTask):
+                self.steering.hold_at(done.hold)
         self.setpoint = steer.setpoint
         if self.landed and self.phase is Phase.FLIGHT:
             self._enter(Phase.READY)

@@ -81,8 +81,8 @@ class MissionTask:
         self._cruise_mps = parameters["MPC_XY_CRUISE"]
         self._jumps: dict[int, int] = {}
         self._wait_s = 0.0
-        self._hold = HoldTask(estimate, parameters, None, nan)
-        self._task: Task = self._hold
+        self.hold = HoldTask(estimate, parameters, None, nan)
+        self._task: Task = self.hold
         self._after_climb: Task | None = None
         if mission.finished:
             mission.select(0)
@@ -118,7 +118,7 @@ class MissionTask:
     def set_cruise(self, speed_mps: float) -> None:
         """DO_CHANGE_SPEED while flying."""
         self._cruise_mps = speed_mps
-        self._hold.cruise_mps = speed_mps
+        self.hold.cruise_mps = speed_mps
 
     def _begin(self, estimate: Estimate) -> None:
         """Skip what only takes effect, then start the next thing that is flown."""
@@ -161,9 +161,9 @@ class MissionTask:
             if item.command in (WAYPOINT, LOITER_TIME):
                 self._wait_s = item.parameters[0] if isfinite(item.parameters[0]) else 0.0
             yaw = item.parameters[3]
-            self._hold = HoldTask(estimate, p, place, radians(yaw) if isfinite(yaw) else nan)
-            self._hold.cruise_mps = self._cruise_mps
-            self._task = self._hold
+            self.hold = HoldTask(estimate, p, place, radians(yaw) if isfinite(yaw) else nan)
+            self.hold.cruise_mps = self._cruise_mps
+            self._task = self.hold
             self._climb_first(place, estimate)
 
     def _climb_first(self, place: Vector, estimate: Estimate) -> None:
@@ -172,8 +172,8 @@ class MissionTask:
         if self._home[2] - here[2] < _ON_GROUND_M:
             wanted = self._home[2] - self._parameters["MIS_TAKEOFF_ALT"]
             target = min(place[2], wanted) if isfinite(place[2]) else wanted
-            self._task, self._after_climb = TakeoffTask(estimate, self._parameters, target), self._hold
-            self._hold.start_at((here[0], here[1], target))
+            self._task, self._after_climb = TakeoffTask(estimate, self._parameters, target), self.hold
+            self.hold.start_at((here[0], here[1], target))
 
     def _reached(self, estimate: Estimate) -> bool:
         item = self._mission.items[self._mission.current]

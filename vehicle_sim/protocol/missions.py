@@ -16,6 +16,7 @@ from vehicle_sim.vehicle import Vehicle
 
 RETRY_US = 250_000
 TIMEOUT_US = 5_000_000
+NEVER_US = 2**63
 MAX_ITEMS = 500
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
 _OK, _CANCELLED, _SEQUENCE = mavlink.MAV_MISSION_ACCEPTED, mavlink.MAV_MISSION_OPERATION_CANCELLED, 13
@@ -43,6 +44,11 @@ class MissionManager:
         self._vehicle = vehicle
         self._lists: dict[int, list[WireItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self._upload: Upload | None = None
+
+    @property
+    def next_us(self) -> int:
+        """When `poll` has something to do."""
+        return self._upload.asked_us + RETRY_US if self._upload is not None else NEVER_US
 
     def poll(self, t_us: int) -> None:
         """Ask again for an item that does not come, and give up after 5 s."""

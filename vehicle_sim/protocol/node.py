@@ -19,7 +19,6 @@ from vehicle_sim.vehicle import Vehicle
 
 TRUTH_US = 10_000
 TELEMETRY_US = 20_000
-_MISSION_POLL_US = 50_000
 
 
 @dataclass
@@ -55,7 +54,6 @@ class Node:
         self.lockstep = lockstep
         self._on_sample = on_sample
         self._next_sample_us = TRUTH_US
-        self._next_mission_us = 0
 
     def session(self, address: Hashable) -> Session:
         """The client's session, begun when it is new."""
@@ -73,7 +71,7 @@ class Node:
         sessions = list(self.sessions.values())
         texts, reached = vehicle.autopilot.commander.texts, vehicle.autopilot.steering.reached
         while vehicle.t_us < t_us:
-            stop_us = min(t_us, self._next_sample_us)
+            stop_us = min(t_us, self._next_sample_us, self.missions.next_us)
             for session in sessions:
                 stop_us = min(stop_us, session.next_us)
             vehicle.advance(max(1, vehicle.steps_until(stop_us)))
@@ -82,15 +80,13 @@ class Node:
                 self._send_texts()
             if reached:
                 self._send_reached()
+            self.missions.poll(now_us)
             for session in sessions:
                 session.poll(now_us)
             if now_us >= self._next_sample_us:
                 self._sample(now_us)
         if self.signing is not None:
             self.signing.reach_us(vehicle.t_us)
-        if vehicle.t_us >= self._next_mission_us:
-            self._next_mission_us = vehicle.t_us + _MISSION_POLL_US
-            self.missions.poll(vehicle.t_us)
 
     def handle(self, address: Hashable, received: Received) -> None:
         """Act on one message of a client."""
