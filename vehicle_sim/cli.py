@@ -125,7 +125,8 @@ def _fly(arguments: argparse.Namespace) -> int:
             gc.collect()
             gc.freeze()
             host, port = transport.address(0)
-            print(f"vehicle-sim ready on {host}:{port}", flush=True)
+            server.start()
+            print(f"vehicle-sim ready on {host}:{port}\n", end="", flush=True)
             server.run(lambda: bool(stop))
             if recorder is not None:
                 recorder.write(node.journal)

@@ -31,3 +31,9 @@ def kernel(function: F) -> F:
     function.__qualname__ = f"{function.__qualname__}_{digest:08x}"
     compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
     return cast(F, compiled)
+
+
+def is_cached(compiled: Callable[..., Any]) -> bool:
+    """Whether machine code from an earlier run lies beside the package, so that the first call is quick."""
+    source = Path(compiled.__code__.co_filename)
+    return any((source.parent / "__pycache__").glob(f"*{compiled.__qualname__}-*.nbi"))

@@ -67,6 +67,20 @@ class Server:
             self._heard_s[truth] = monotonic()
             node.sessions[truth] = Session(node.vehicle, node.new_codec(), TRUTH_STREAMS)
 
+    def start(self) -> None:
+        """Say hello, then load the kernel; the other way round when it must be compiled first, since nobody waits that long."""
+        vehicle = self._node.vehicle
+        if not vehicle.is_quick_to_start:
+            vehicle.warm_up()
+        if self._pace.lockstep:
+            self._announcement = self._last_datagram = self._announce()
+            self._send_announcement()
+        else:
+            for target in self._targets:
+                self._node.session(target).send(heartbeat(vehicle))
+            self._send_all()
+        vehicle.warm_up()
+
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve until `stopped()`."""
         if self._pace.lockstep:
@@ -108,10 +122,8 @@ class Server:
 
     def _run_lockstep(self, stopped: Callable[[], bool]) -> None:
         """Returns when the peer has fallen silent after its first tick."""
-        self._announcement = self._last_datagram = self._announce()
         announced_s = ticked_s = monotonic()
         ticking = False
-        self._send_announcement()
         while not stopped():
             for client, datagram in self._transport.receive(_WAIT_S):
                 if self._take_lockstep(client, datagram):

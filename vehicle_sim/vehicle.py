@@ -9,6 +9,7 @@ from math import ceil, exp, inf, radians
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.battery import BatteryState, Pack, fresh_battery
+from vehicle_sim.compiled import is_cached
 from vehicle_sim.config import SensorsConfig, VehicleConfig
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, specific_force, state_at_rest
 from vehicle_sim.failures import Failure, Failures
@@ -53,7 +54,6 @@ class Vehicle:
         self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self.flight, self.constants)
         self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
         self._estimate: Estimate | None = None
-        advance(self.flight.record, self.constants.record, self._noise.values, 0, 0)
 
     @property
     def t_s(self) -> float:
@@ -108,6 +108,15 @@ class Vehicle:
         """Mean and gust."""
         n, e, d = self.flight.wind.tolist()
         return (n, e, d)
+
+    @property
+    def is_quick_to_start(self) -> bool:
+        """The kernel has been compiled by an earlier run; else `warm_up` takes seconds."""
+        return is_cached(advance)
+
+    def warm_up(self) -> None:
+        """Load the kernel, or compile it, so that the first step takes no longer than others."""
+        advance(self.flight.record, self.constants.record, self._noise.values, 0, 0)
 
     def step(self) -> None:
         """Advance by one step."""

@@ -18,6 +18,7 @@ from vehicle_sim.vehicle import Vehicle
 
 _CUSTOM_MODE_FLAG = 1
 _FORCE_MAGIC = 21196.0
+_FARTHEST_M = 1e6
 
 
 class Command(NamedTuple):
@@ -180,7 +181,12 @@ HANDLERS: dict[int, Handler] = {
 def target_ned(v: Vehicle, c: Command) -> Vector:
     """Local position of a command's latitude, longitude and altitude; NaN where not given."""
     n, e, d = v.geo.to_ned(Geodetic(_finite(c.latitude_deg), _finite(c.longitude_deg), _finite(c.p7)))
-    return (n, e, d)
+    return (_near(n), _near(e), _near(d))
+
+
+def _near(value_m: float) -> float:
+    """A place that no vehicle of this kind reaches counts as not given."""
+    return value_m if abs(value_m) < _FARTHEST_M else nan
 
 
 def _integer(value: float) -> int | None:

@@ -74,8 +74,8 @@ def global_position_int(v: Vehicle) -> Payload:
         v.t_us // 1000,
         e7(place.latitude_deg),
         e7(place.longitude_deg),
-        round(place.altitude_m * 1e3),
-        round(relative_altitude_m(v) * 1e3),
+        int32(place.altitude_m * 1e3),
+        int32(relative_altitude_m(v) * 1e3),
         int16(vn * 100),
         int16(ve * 100),
         int16(vd * 100),
@@ -135,7 +135,7 @@ def hil_state_quaternion(v: Vehicle) -> Payload:
         *x.omega_wb_b_radps,
         e7(place.latitude_deg),
         e7(place.longitude_deg),
-        round(place.altitude_m * 1e3),
+        int32(place.altitude_m * 1e3),
         int16(x.vn * 100),
         int16(x.ve * 100),
         int16(x.vd * 100),
@@ -149,7 +149,12 @@ def hil_state_quaternion(v: Vehicle) -> Payload:
 
 def e7(degree: float) -> int:
     """Degrees in units of 1e-7."""
-    return round(degree * 1e7)
+    return int32(degree * 1e7)
+
+
+def int32(value: float) -> int:
+    """Rounded and kept within a signed 32-bit field."""
+    return max(-2147483647, min(2147483647, round(value)))
 
 
 def int16(value: float) -> int:

@@ -13,7 +13,7 @@ from vehicle_sim.autopilot.mission import MissionTask
 from vehicle_sim.autopilot.modes import Mode, base_mode
 from vehicle_sim.protocol.payloads import Layout, Payload
 from vehicle_sim.sensors import TEMPERATURE_C, pressure_altitude_m
-from vehicle_sim.telemetry.motion import e7, int16
+from vehicle_sim.telemetry.motion import e7, int16, int32
 from vehicle_sim.vehicle import Vehicle
 
 _HIGHRES_IMU = Layout(mavlink.MAVLink_highres_imu_message)
@@ -66,7 +66,7 @@ def gps_raw_int(v: Vehicle) -> Any:
     fix = mavlink.GPS_FIX_TYPE_3D_FIX if v.t_s >= _GPS_FIX_AFTER_S else mavlink.GPS_FIX_TYPE_NO_FIX
     place = v.geo.to_geodetic(r.gps_ned_m)
     vn, ve, _ = v.state.velocity_ned_mps
-    millimetres = round(place.altitude_m * 1e3)
+    millimetres = int32(place.altitude_m * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
         v.t_us,
         fix,
@@ -160,7 +160,7 @@ def home_position(v: Vehicle) -> Any:
     return mavlink.MAVLink_home_position_message(
         e7(place.latitude_deg),
         e7(place.longitude_deg),
-        round(place.altitude_m * 1e3),
+        int32(place.altitude_m * 1e3),
         *home,
         [1.0, 0.0, 0.0, 0.0],
         0.0,
@@ -174,7 +174,7 @@ def gps_global_origin(v: Vehicle) -> Any:
     """GPS_GLOBAL_ORIGIN: the local frame's origin."""
     o = v.geo.origin
     return mavlink.MAVLink_gps_global_origin_message(
-        e7(o.latitude_deg), e7(o.longitude_deg), round(o.altitude_m * 1e3), v.t_us
+        e7(o.latitude_deg), e7(o.longitude_deg), int32(o.altitude_m * 1e3), v.t_us
     )
 
 
