@@ -36,17 +36,30 @@ class AirframeConfig:
     arm_m: Annotated[float, Field(gt=0, description="hub to motor")] = 0.246
     thrust_coefficient_n_per_radps2: Annotated[float, Field(gt=0, description="thrust = k omega^2")] = 8.55e-6
     torque_coefficient_m: Annotated[float, Field(gt=0, description="drag torque / thrust of a rotor")] = 0.016
-    motor_time_constant_s: Positive = 0.02
+    motor_time_constant_s: Annotated[float, Field(gt=0, description="of a rotor that speeds up")] = 0.02
+    motor_time_constant_down_s: Annotated[float, Field(ge=0, description="of one that slows down; 0: the same")] = 0.0
     max_thrust_n: Annotated[float, Field(gt=0, description="of one rotor")] = 8.55
     linear_drag_n_per_mps: Annotated[
         tuple[NonNegative, NonNegative, NonNegative], Field(description="along forward, right, down")
     ] = (0.19, 0.19, 0.1)
     quadratic_drag_n_per_mps2: NonNegative = 0.02
+    rotor_drag_n_per_mps_radps: Annotated[
+        float, Field(ge=0, description="of each rotor, across its axis, in proportion to its speed")
+    ] = 0.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class GustConfig:
+    """One gust of the shape (1 - cos) / 2: it swells to `peak_enu_mps` and is over after `duration_s`."""
+
+    at_s: NonNegative
+    duration_s: Positive
+    peak_enu_mps: tuple[float, float, float]
 
 
 @dataclass(frozen=True, config=_STRICT)
 class WindConfig:
-    """Uniform mean wind and a first-order gust on each axis."""
+    """Uniform mean wind, a first-order gust on each axis, Dryden turbulence (MIL-F-8785C, low altitude), discrete gusts."""
 
     mean_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gust_std_mps: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(description="east, north, up")] = (
@@ -55,6 +68,10 @@ class WindConfig:
         0.0,
     )
     gust_correlation_s: Positive = 2.0
+    dryden_w20_mps: Annotated[
+        float, Field(ge=0, le=40, description="wind speed at 20 ft that sets the turbulence; 0: none")
+    ] = 0.0
+    discrete_gusts: tuple[GustConfig, ...] = ()
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -176,11 +193,17 @@ _VEHICLE_ADAPTER = TypeAdapter(VehicleConfig)
 
 def vehicle_schema() -> dict[str, Any]:
     """The JSON Schema of the section `vehicle:`."""
-    return _VEHICLE_ADAPTER.json_schema()
+    schema = _VEHICLE_ADAPTER.json_schema()
+    airframe = schema["properties"]["airframe"]
+    schema["properties"]["airframe"] = {
+        "anyOf": [{"$ref": airframe["$ref"]}, {"type": "string", "description": "an airframe's YAML file"}]
+    }
+    return schema
 
 
 def parse_vehicle_section(mapping: Mapping[str, Any], where: str) -> VehicleConfig:
     """Check a `vehicle:` section; `where` (such as a file's name) begins the message of a `ConfigError`."""
+    mapping = _with_airframe_file(mapping, Path(where))
     try:
         config = _VEHICLE_ADAPTER.validate_json(json.dumps(mapping, default=str))
     except ValidationError as error:
@@ -200,6 +223,8 @@ def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfi
     data, root = _read_mapping(path)
     for key_path, value in (overrides or {}).items():
         _set_value(data, key_path, value, path)
+    if isinstance(data.get("vehicle"), dict):
+        data["vehicle"] = _with_airframe_file(data["vehicle"], path)
     try:
         config = _RUN_ADAPTER.validate_json(json.dumps(data, default=str))
     except ValidationError as error:
@@ -218,6 +243,20 @@ def run_as_dict(config: RunConfig) -> dict[str, Any]:
     """Plain data for the log's metadata."""
     data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
     return data
+
+
+def _with_airframe_file(section: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
+    """The section with `airframe: FILE` replaced by what that file, found beside the run's file, says."""
+    named = section.get("airframe")
+    if not isinstance(named, str):
+        return section
+    file = path.parent / named
+    airframe = _read_mapping(file)[0]
+    try:
+        TypeAdapter(AirframeConfig).validate_json(json.dumps(airframe, default=str))
+    except ValidationError as error:
+        raise ConfigError(f"{file}: {_explain(error, ())[1]}") from error
+    return {**section, "airframe": airframe}
 
 
 def _check_period(config: RunConfig, path: Path, root: yaml.Node) -> None:

@@ -31,7 +31,7 @@ from vehicle_sim.sensors import (
     noisy,
     pressure_hpa,
 )
-from vehicle_sim.wind import next_value
+from vehicle_sim.wind import Pair, frozen_airspeed, gust_of, next_pair, next_u, next_value, turbulence_at
 
 #: Columns of the noise table: (source, width). One row a step; slow sources use the row of their step.
 NOISE_COLUMNS = (
@@ -43,6 +43,7 @@ NOISE_COLUMNS = (
     ("barometer", 1),
     ("gps", 3),
     ("gyroscope readings", 3),
+    ("turbulence", 5),
 )
 _OFF, _IDLE = int(Engaged.OFF), int(Engaged.IDLE)
 _ATTITUDE, _POSITION = int(Engaged.ATTITUDE), int(Engaged.POSITION)
@@ -87,8 +88,14 @@ def _draw(m: Any, c: Any, n: Any) -> None:
     _put(m.battery, step_battery(b, speeds, _rotor_model(c), pack, c.slow_s))
     gust = next_value(_three(m.gust), c.gust_keep, _three(c.gust_kick), _three(n, 3))
     _put(m.gust, gust)
-    for i in range(3):
-        m.wind[i] = c.wind_mean[i] + gust[i]
+    along, across, down = 0.0, 0.0, 0.0
+    if c.w20 > 0.0:
+        along, across, down = _turbulence(m, c, n)
+    size = sqrt(c.wind_mean[0] * c.wind_mean[0] + c.wind_mean[1] * c.wind_mean[1])
+    cosine, sine = (c.wind_mean[0] / size, c.wind_mean[1] / size) if size > 0.0 else (1.0, 0.0)
+    m.wind[0] = c.wind_mean[0] + c.discrete_gust[0] + gust[0] + cosine * along - sine * across
+    m.wind[1] = c.wind_mean[1] + c.discrete_gust[1] + gust[1] + sine * along + cosine * across
+    m.wind[2] = c.wind_mean[2] + c.discrete_gust[2] + gust[2] + down
     model = ErrorModel(c.error_keep, c.error_kick[0], c.error_kick[1], c.error_kick[2])
     error = EstimateError(_three(m.error), _three(m.error, 3), _three(m.error, 6))
     error = next_error(error, model, _three(n, 6), _three(n, 9), _three(n, 12))
@@ -100,6 +107,20 @@ def _draw(m: Any, c: Any, n: Any) -> None:
     _put(m.error, error.attitude_rad, 6)
     if m.step % c.readings_every == 0:
         _read_sensors(m, c, n)
+
+
+@inlined
+def _turbulence(m: Any, c: Any, n: Any) -> Vector:
+    """Dryden gusts along the mean wind, across it and down, one slow step later."""
+    t = turbulence_at(-m.x[2], c.w20)
+    speed = frozen_airspeed(_three(m.x, 3), _three(c.wind_mean))
+    tuv, tw = t.length_uv_m / speed, t.length_w_m / speed
+    m.dryden[0] = next_u(m.dryden[0], tuv, t.sigma_uv_mps, c.slow_s, n[28])
+    v = next_pair(Pair(m.dryden[1], m.dryden[2]), tuv, t.sigma_uv_mps, c.slow_s, n[29], n[30])
+    w = next_pair(Pair(m.dryden[3], m.dryden[4]), tw, t.sigma_w_mps, c.slow_s, n[31], n[32])
+    _put(m.dryden, v, 1)
+    _put(m.dryden, w, 3)
+    return (m.dryden[0], gust_of(v), gust_of(w))
 
 
 @inlined
@@ -197,11 +218,13 @@ def _move(m: Any, c: Any) -> None:
     targets = speed_targets(_four(m.fractions), rotors.max_speed_radps, limit)
     h = c.motor_health
     targets = (targets[0] * h[0], targets[1] * h[1], targets[2] * h[2], targets[3] * h[3])
-    speeds = lag_speeds(_four(m.rotors), targets, c.lag_keep)
+    speeds = lag_speeds(_four(m.rotors), targets, c.lag_keep_up, c.lag_keep_down)
     _put(m.rotors, speeds)
     x = _state(m.x)
     _put(m.before, x)
-    body = Body(c.mass, _three(c.inertia), _three(c.linear_drag), c.quadratic_drag)
+    across = c.rotor_drag * (speeds[0] + speeds[1] + speeds[2] + speeds[3])
+    drag = (c.linear_drag[0] + across, c.linear_drag[1] + across, c.linear_drag[2])
+    body = Body(c.mass, _three(c.inertia), drag, c.quadratic_drag)
     x = step_free(x, rotor_wrench(speeds, rotors), _three(m.wind), body, c.dt_s)
     _put(m.x, rest_on_ground(x, c.dt_s))
 

@@ -46,6 +46,7 @@ _FLIGHT = [
     ("fractions", "f8", 4),
     ("wind", "f8", 3),
     ("gust", "f8", 3),
+    ("dryden", "f8", 5),  # u; p, q of v; p, q of w
     ("battery", "f8", 4),  # charge, V, A, Ah
     # what is believed: layout of State; its errors (position, velocity, attitude)
     ("estimate", "f8", 13),
@@ -75,11 +76,15 @@ _CONSTANTS = [
     ("linear_drag", "f8", 3),
     ("quadratic_drag", "f8"),
     ("rotor", "f8", 5),
-    ("lag_keep", "f8"),
+    ("lag_keep_up", "f8"),
+    ("lag_keep_down", "f8"),
+    ("rotor_drag", "f8"),
     ("motor_health", "f8", 4),
     ("sensors_lost", "i8"),  # bits: magnetometer 1, barometer 2, GPS 4
     # wind: mean, share kept of a gust, kick
     ("wind_mean", "f8", 3),
+    ("discrete_gust", "f8", 3),
+    ("w20", "f8"),
     ("gust_keep", "f8"),
     ("gust_kick", "f8", 3),
     # errors of the estimate: share kept, kicks of position, velocity, attitude

@@ -90,11 +90,16 @@ def speed_targets(fractions: Four, top_radps: float, limit_radps: float) -> Four
 
 
 @inlined
-def lag_speeds(speeds_radps: Four, targets_radps: Four, keep: float) -> Four:
-    """One step of the first-order lag, exact for constant targets: keep = exp(-dt / time_constant)."""
+def lag_speeds(speeds_radps: Four, targets_radps: Four, keep_up: float, keep_down: float) -> Four:
+    """One step of the first-order lag, exact for constant targets: keep = exp(-dt / time_constant), apart for up and down."""
     a, b, c, d = speeds_radps
     ta, tb, tc, td = targets_radps
-    return (ta + (a - ta) * keep, tb + (b - tb) * keep, tc + (c - tc) * keep, td + (d - td) * keep)
+    return (
+        ta + (a - ta) * (keep_up if ta > a else keep_down),
+        tb + (b - tb) * (keep_up if tb > b else keep_down),
+        tc + (c - tc) * (keep_up if tc > c else keep_down),
+        td + (d - td) * (keep_up if td > d else keep_down),
+    )
 
 
 @inlined

@@ -20,7 +20,7 @@ from vehicle_sim.noise import NoiseTable
 from vehicle_sim.rotation import Vector
 from vehicle_sim.rotors import Four, RotorModel
 from vehicle_sim.sensors import ErrorModel, Estimate, Readings, pressure_hpa
-from vehicle_sim.wind import WindModel
+from vehicle_sim.wind import WindModel, discrete_gust
 
 _MAX_STEP_US = 2500
 _SLOW_US = 10_000
@@ -132,6 +132,8 @@ class Vehicle:
             phase = self._steps % self._slow_every
             if phase == 0:
                 self.failures.update(self.t_us * 1e-6)
+                if self.config.wind.discrete_gusts:
+                    self.constants.discrete_gust[:] = discrete_gust(self.config.wind.discrete_gusts, self.t_us * 1e-6)
                 self.autopilot.commander.health.estimate_good = not self.failures.gps_lost
                 self.autopilot.tick(self.t_us * 1e-6, self.estimate, float(self.flight.battery[0]))
             if self._row == _NOISE_ROWS:
@@ -181,7 +183,10 @@ class Vehicle:
             ("attitude_every", 2),
             ("mass", body.mass_kg),
             ("quadratic_drag", body.quadratic_drag),
-            ("lag_keep", exp(-dt_s / rotors.time_constant_s)),
+            ("lag_keep_up", exp(-dt_s / rotors.time_constant_s)),
+            ("lag_keep_down", exp(-dt_s / (config.airframe.motor_time_constant_down_s or rotors.time_constant_s))),
+            ("rotor_drag", config.airframe.rotor_drag_n_per_mps_radps),
+            ("w20", config.wind.dryden_w20_mps),
             ("gust_keep", wind.keep),
             ("error_keep", errors.keep),
             ("ground_altitude", config.home.altitude_m),

@@ -175,7 +175,7 @@ def test_saturated_mixing_keeps_roll_and_pitch_first(thrust: float, roll: float,
 def test_rotor_lag_reaches_63_percent_in_one_time_constant() -> None:
     speeds = (0.0, 0.0, 0.0, 0.0)
     for _ in range(8):
-        speeds = lag_speeds(speeds, (100.0, 50.0, 0.0, 10.0), exp(-0.0025 / 0.02))
+        speeds = lag_speeds(speeds, (100.0, 50.0, 0.0, 10.0), exp(-0.0025 / 0.02), 0.0)
     assert speeds[0] == pytest.approx(100 * (1 - exp(-1)))
 
 
