@@ -88,6 +88,17 @@ class SensorsConfig:
     estimate_velocity_std_mps: NonNegative = 0.02
     estimate_attitude_std_rad: NonNegative = 0.003
     estimate_correlation_s: Positive = 5.0
+    estimator: Annotated[
+        Literal["error_model", "filter"],
+        Field(
+            description="error_model: truth plus the errors above; filter: an estimator fed by the sensors, with PX4-like errors"
+        ),
+    ] = "error_model"
+    gyroscope_bias_std_radps: NonNegative = 0.002
+    accelerometer_bias_std_mps2: NonNegative = 0.03
+    gps_rate_hz: Annotated[float, Field(ge=1, le=50)] = 5.0
+    gps_correlation_s: Annotated[float, Field(gt=0, description="of the wander of GPS positions (filter)")] = 60.0
+    gps_speed_std_mps: NonNegative = 0.1
 
 
 @dataclass(frozen=True, config=_STRICT)

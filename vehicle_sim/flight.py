@@ -19,6 +19,16 @@ from vehicle_sim.autopilot.setpoints import TrajectorySetpoint
 from vehicle_sim.battery import BatteryState, Pack, step_battery, top_speed_fraction
 from vehicle_sim.compiled import inlined, kernel
 from vehicle_sim.dynamics import Body, State, rest_on_ground, specific_force, step_free
+from vehicle_sim.estimator import (
+    DELAY_TICKS,
+    Inertial,
+    correct_by_barometer,
+    correct_by_gps,
+    correct_by_magnetometer,
+    dead_reckon,
+    remember,
+    spread_per_step,
+)
 from vehicle_sim.memory import Engaged
 from vehicle_sim.rotation import Quaternion, Vector
 from vehicle_sim.rotors import Demand, Four, RotorModel, lag_speeds, mix, rotor_wrench, speed_targets
@@ -29,6 +39,7 @@ from vehicle_sim.sensors import (
     magnetic_field,
     next_error,
     noisy,
+    pressure_altitude_m,
     pressure_hpa,
 )
 from vehicle_sim.wind import Pair, frozen_airspeed, gust_of, next_pair, next_u, next_value, turbulence_at
@@ -44,6 +55,8 @@ NOISE_COLUMNS = (
     ("gps", 3),
     ("gyroscope readings", 3),
     ("turbulence", 5),
+    ("gps velocity", 3),
+    ("gps wander", 3),
 )
 _OFF, _IDLE = int(Engaged.OFF), int(Engaged.IDLE)
 _ATTITUDE, _POSITION = int(Engaged.ATTITUDE), int(Engaged.POSITION)
@@ -107,6 +120,31 @@ def _draw(m: Any, c: Any, n: Any) -> None:
     _put(m.error, error.attitude_rad, 6)
     if m.step % c.readings_every == 0:
         _read_sensors(m, c, n)
+    if c.filter:
+        _correct(m, c, n)
+
+
+@inlined
+def _correct(m: Any, c: Any, n: Any) -> None:
+    """The estimator's slow corrections: magnetometer and barometer at 50 Hz, GPS at its own rate and 120 ms late."""
+    for i in range(3):
+        kick = spread_per_step(c.gps_wander[i // 2], c.gps_wander_s, c.slow_s)
+        m.gps_wander[i] += kick * n[36 + i] - m.gps_wander[i] * c.slow_s / c.gps_wander_s
+    remember(m)
+    if m.step % c.readings_every == 0:
+        if not c.sensors_lost & _MAG_LOST:
+            correct_by_magnetometer(m, _three(m.readings, 6))
+        if not c.sensors_lost & _BARO_LOST:
+            correct_by_barometer(m, c.ground_altitude - pressure_altitude_m(m.readings[9]))
+    if (m.step // c.slow_every) % c.gps_every == DELAY_TICKS % c.gps_every and not c.sensors_lost & _GPS_LOST:
+        correct_by_gps(m, _three(m.gps), _three(m.gps, 3))
+    if (m.step // c.slow_every) % c.gps_every == 0:
+        w, std = m.gps_wander, c.sensor_std
+        m.gps[0] = m.x[0] + w[0] + 0.1 * std[4] * n[22]
+        m.gps[1] = m.x[1] + w[1] + 0.1 * std[4] * n[23]
+        m.gps[2] = m.x[2] + w[2] + 0.1 * std[5] * n[24]
+        for i in range(3):
+            m.gps[3 + i] = m.x[3 + i] + c.gps_speed_std * n[33 + i]
 
 
 @inlined
@@ -233,8 +271,29 @@ def _move(m: Any, c: Any) -> None:
 def believe(m: Any, c: Any, n: Any) -> None:
     x = _state(m.x)
     rates = noisy((x.p, x.q, x.r), c.sensor_std[1], _three(n))
+    if c.filter:
+        _reckon(m, c, n, rates)
+        return
     error = EstimateError(_three(m.error), _three(m.error, 3), _three(m.error, 6))
     _put(m.estimate, believed(x, error, rates))
+
+
+@inlined
+def _reckon(m: Any, c: Any, n: Any, gyro: Vector) -> None:
+    """The estimator's fast part: dead reckoning with the inertial sensors and their biases."""
+    force = noisy(specific_force(_state(m.before), _state(m.x), c.dt_s), c.sensor_std[0], _three(n, 15))
+    b, e = m.gyro_bias, m.estimate
+    omega = (
+        gyro[0] + c.gyro_bias[0] - b[0],
+        gyro[1] + c.gyro_bias[1] - b[1],
+        gyro[2] + c.gyro_bias[2] - b[2],
+    )
+    felt = (force[0] + c.accel_bias[0], force[1] + c.accel_bias[1], force[2] + c.accel_bias[2])
+    new = dead_reckon(Inertial(_four(e, 6), _three(e, 3), _three(e)), omega, felt, c.dt_s)
+    _put(e, new.position_ned_m)
+    _put(e, new.velocity_ned_mps, 3)
+    _put(e, new.q_wb_wxyz, 6)
+    _put(e, omega, 10)
 
 
 @kernel

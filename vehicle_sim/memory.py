@@ -51,6 +51,11 @@ _FLIGHT = [
     # what is believed: layout of State; its errors (position, velocity, attitude)
     ("estimate", "f8", 13),
     ("error", "f8", 9),
+    ("gyro_bias", "f8", 3),  # as the estimator believes it
+    ("gps_wander", "f8", 3),
+    ("gps", "f8", 6),  # the fix under way: position, velocity
+    ("tick", "i8"),
+    ("history", "f8", (16, 6)),
     ("readings", "f8", 13),  # specific force, rates, field, pressure, GPS position
     ("velocity_sp", "f8", 3),
     ("acceleration_sp", "f8", 3),
@@ -90,6 +95,14 @@ _CONSTANTS = [
     # errors of the estimate: share kept, kicks of position, velocity, attitude
     ("error_keep", "f8"),
     ("error_kick", "f8", 3),
+    # the estimator: on, biases of the inertial sensors, ticks between GPS fixes, spread and correlation of its wander, spread of its speed
+    ("filter", "i8"),
+    ("gyro_bias", "f8", 3),
+    ("accel_bias", "f8", 3),
+    ("gps_every", "i8"),
+    ("gps_wander", "f8", 2),
+    ("gps_wander_s", "f8"),
+    ("gps_speed_std", "f8"),
     # standard deviations: accelerometer, gyroscope, magnetometer, barometer, GPS horizontal and vertical; ground altitude
     ("sensor_std", "f8", 6),
     ("ground_altitude", "f8"),

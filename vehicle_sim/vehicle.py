@@ -6,6 +6,8 @@ time in integer microseconds since boot (the only clock of the whole process).
 
 from math import ceil, exp, inf, radians
 
+import numpy as np
+
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.battery import BatteryState, Pack, fresh_battery
@@ -25,6 +27,8 @@ from vehicle_sim.wind import WindModel, discrete_gust
 _MAX_STEP_US = 2500
 _SLOW_US = 10_000
 _NOISE_ROWS = 1024
+#: Share of a GPS receiver's error that wanders slowly; the rest is white and averages out.
+_WANDER_OF_GPS = 0.5
 
 
 def step_for_period_us(period_us: int) -> int:
@@ -48,7 +52,7 @@ class Vehicle:
         self._row = 0
         self.flight, self.constants = Fields(FLIGHT), Fields(CONSTANTS)
         self._write_constants()
-        self._set_at_rest()
+        self._set_at_rest(seed)
         self.geo = GeoFrame.at(config.home)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
         self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self.flight, self.constants)
@@ -155,7 +159,7 @@ class Vehicle:
         """What the accelerometer feels, without noise, body axes."""
         return specific_force(State(*self.flight.before.tolist()), self.state, self.step_us * 1e-6)
 
-    def _set_at_rest(self) -> None:
+    def _set_at_rest(self, seed: int) -> None:
         """Standing at the origin; errors drawn from their stationary distribution, so that boot is not special."""
         f, c, sensors = self.flight, self.constants, self.config.sensors
         x = state_at_rest(radians(self.config.initial_yaw_deg))
@@ -166,6 +170,11 @@ class Vehicle:
         first = self._noise.values[0]
         f.error[:] = first[6:15] * _error_spread(sensors)
         f.readings[9] = pressure_hpa(self.config.home.altitude_m)
+        biases = np.random.default_rng(np.random.SeedSequence(seed).spawn(len(NOISE_COLUMNS) + 1)[-1])
+        c.gyro_bias[:] = sensors.gyroscope_bias_std_radps * biases.standard_normal(3)
+        c.accel_bias[:] = sensors.accelerometer_bias_std_mps2 * biases.standard_normal(3)
+        f.estimate[:] = x
+        f.gps[:] = x[:6]
         believe(f.record[0], c.record[0], first)
         self._row = 1
 
@@ -187,6 +196,10 @@ class Vehicle:
             ("lag_keep_down", exp(-dt_s / (config.airframe.motor_time_constant_down_s or rotors.time_constant_s))),
             ("rotor_drag", config.airframe.rotor_drag_n_per_mps_radps),
             ("w20", config.wind.dryden_w20_mps),
+            ("filter", config.sensors.estimator == "filter"),
+            ("gps_every", max(1, round(1.0 / (config.sensors.gps_rate_hz * slow_s)))),
+            ("gps_wander_s", config.sensors.gps_correlation_s),
+            ("gps_speed_std", config.sensors.gps_speed_std_mps),
             ("gust_keep", wind.keep),
             ("error_keep", errors.keep),
             ("ground_altitude", config.home.altitude_m),
@@ -201,6 +214,7 @@ class Vehicle:
         c.gust_kick[:] = wind.kick_ned_mps
         c.error_kick[:] = errors[1:]
         c.pack[:] = Pack.of(config.battery)
+        c.gps_wander[:] = (_WANDER_OF_GPS * s.gps_horizontal_std_m, _WANDER_OF_GPS * s.gps_vertical_std_m)
         c.sensor_std[:] = (
             s.accelerometer_std_mps2,
             s.gyroscope_std_radps,
