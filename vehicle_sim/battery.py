@@ -6,7 +6,7 @@ d charge / dt = -I / (3600 capacity)        V = cells OCV(charge) - R I        I
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
-from vehicle_sim.config import BatteryConfig
+from vehicle_sim.parts import BatteryConfig
 from vehicle_sim.rotors import Four, RotorModel
 
 _CHARGE = (0.0, 0.05, 0.15, 0.5, 0.85, 1.0)

@@ -11,7 +11,7 @@ from math import exp, sqrt
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
-from vehicle_sim.config import AirframeConfig
+from vehicle_sim.parts import AirframeConfig
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_from_euler, rotate_back, yaw_of
 from vehicle_sim.rotors import Wrench
 

@@ -11,6 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.compiled import inlined
+from vehicle_sim.dynamics import State
+from vehicle_sim.rotation import Quaternion, Vector
+from vehicle_sim.rotors import RotorModel
+
 Array = NDArray[np.float64]
 
 
@@ -167,3 +172,34 @@ class Block:
     def write(self, *values: float) -> None:
         """All elements of all fields, in order."""
         self._layout.pack_into(self._buffer, self._offset, *values)
+
+
+@inlined
+def three(a: Any, at: int = 0) -> Vector:
+    """Three elements as a tuple."""
+    return (a[at], a[at + 1], a[at + 2])
+
+
+@inlined
+def four(a: Any, at: int = 0) -> Quaternion:
+    """Four elements as a tuple."""
+    return (a[at], a[at + 1], a[at + 2], a[at + 3])
+
+
+@inlined
+def state_of(a: Any) -> State:
+    """Thirteen elements as a state."""
+    return State(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12])
+
+
+@inlined
+def put(a: Any, values: Any, at: int = 0) -> None:
+    """Write a tuple into an array."""
+    for i in range(len(values)):
+        a[at + i] = values[i]
+
+
+@inlined
+def rotor_model(c: Any) -> RotorModel:
+    """The rotors of `CONSTANTS`."""
+    return RotorModel(c.rotor[0], c.rotor[1], c.rotor[2], c.rotor[3], c.rotor[4])

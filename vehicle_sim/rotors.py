@@ -13,7 +13,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
-from vehicle_sim.config import AirframeConfig
+from vehicle_sim.parts import AirframeConfig
 
 Four = tuple[float, float, float, float]
 

@@ -10,8 +10,8 @@ from math import exp, pow, sqrt
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
-from vehicle_sim.config import SensorsConfig
 from vehicle_sim.dynamics import State
+from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_multiply, rotate_back
 from vehicle_sim.wind import next_value
 

@@ -5,6 +5,7 @@ vehicle's time; one datagram in, one out; a retry is answered with the same byte
 real time.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
@@ -19,6 +20,7 @@ from vehicle_sim.recorder import Recorder
 from vehicle_sim.telemetry.status import heartbeat, system_time
 from vehicle_sim.telemetry.streams import TRUTH_STREAMS
 from vehicle_sim.transport import Client, Transport
+from vehicle_sim.vehicle import Vehicle
 
 ANNOUNCE_S = 0.1
 PEER_SILENCE_S = 5.0
@@ -68,10 +70,8 @@ class Server:
             node.sessions[truth] = Session(node.vehicle, node.new_codec(), TRUTH_STREAMS)
 
     def start(self) -> None:
-        """Say hello, then load the kernel; the other way round when it must be compiled first, since nobody waits that long."""
+        """Say hello, then load the kernel. One that must be compiled first is replaced by plain Python until it has been."""
         vehicle = self._node.vehicle
-        if not vehicle.is_quick_to_start:
-            vehicle.warm_up()
         if self._pace.lockstep:
             self._announcement = self._last_datagram = self._announce()
             self._send_announcement()
@@ -79,7 +79,11 @@ class Server:
             for target in self._targets:
                 self._node.session(target).send(heartbeat(vehicle))
             self._send_all()
-        vehicle.warm_up()
+        if vehicle.is_quick_to_start:
+            vehicle.warm_up()
+        else:
+            vehicle.fly_compiled(False)
+            threading.Thread(target=_compile, args=(vehicle,), daemon=True).start()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve until `stopped()`."""
@@ -220,3 +224,8 @@ class Server:
         for client in self._heard_s:
             if client != except_for:
                 self._transport.send(client, self._node.take(self._node.session(client)))
+
+
+def _compile(vehicle: Vehicle) -> None:
+    vehicle.warm_up()
+    vehicle.fly_compiled(True)

@@ -11,17 +11,19 @@ import numpy as np
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.battery import BatteryState, Pack, fresh_battery
-from vehicle_sim.compiled import is_cached
-from vehicle_sim.config import SensorsConfig, VehicleConfig
+from vehicle_sim.compiled import is_cached, plain
+from vehicle_sim.config import VehicleConfig
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, specific_force, state_at_rest
 from vehicle_sim.failures import Failure, Failures
-from vehicle_sim.flight import NOISE_COLUMNS, advance, believe
+from vehicle_sim.flight import advance
 from vehicle_sim.geo import GeoFrame
 from vehicle_sim.memory import CONSTANTS, FLIGHT, Fields
 from vehicle_sim.noise import NoiseTable
+from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.rotation import Vector
 from vehicle_sim.rotors import Four, RotorModel
 from vehicle_sim.sensors import ErrorModel, Estimate, Readings, pressure_hpa
+from vehicle_sim.surroundings import NOISE_COLUMNS, believe
 from vehicle_sim.wind import WindModel, discrete_gust
 
 _MAX_STEP_US = 2500
@@ -58,6 +60,7 @@ class Vehicle:
         self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self.flight, self.constants)
         self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
         self._estimate: Estimate | None = None
+        self._advance = advance
 
     @property
     def t_s(self) -> float:
@@ -119,8 +122,12 @@ class Vehicle:
         return is_cached(advance)
 
     def warm_up(self) -> None:
-        """Load the kernel, or compile it, so that the first step takes no longer than others."""
-        advance(self.flight.record, self.constants.record, self._noise.values, 0, 0)
+        """Load the kernel, or compile it, so that the first step takes no longer than others. Touches nothing that flies."""
+        advance(self.flight.record.copy(), self.constants.record.copy(), self._noise.values[:1].copy(), 0, 0)
+
+    def fly_compiled(self, compiled: bool) -> None:
+        """By machine code, or by the same code as plain Python while the compiler works: both give the same bits."""
+        self._advance = advance if compiled else plain(advance)
 
     def step(self) -> None:
         """Advance by one step."""
@@ -144,7 +151,7 @@ class Vehicle:
                 self._noise.refill()
                 self._row = 0
             batch = min(count, self._slow_every - phase, _NOISE_ROWS - self._row)
-            advance(self.flight.record, self.constants.record, self._noise.values, self._row, batch)
+            self._advance(self.flight.record, self.constants.record, self._noise.values, self._row, batch)
             self._row += batch
             self._steps += batch
             self.t_us += batch * self.step_us

@@ -12,7 +12,7 @@ from math import cos, exp, pi, sqrt
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
-from vehicle_sim.config import GustConfig, WindConfig
+from vehicle_sim.parts import GustConfig, WindConfig
 from vehicle_sim.rotation import Vector
 
 _FEET = 1.0 / 0.3048

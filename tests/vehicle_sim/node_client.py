@@ -4,7 +4,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.config import SensorsConfig
+from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
 

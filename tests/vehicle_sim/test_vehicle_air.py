@@ -9,18 +9,10 @@ from scipy import integrate, signal
 
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import SetpointMessage
-from vehicle_sim.config import (
-    AirframeConfig,
-    FailureConfig,
-    GustConfig,
-    SensorsConfig,
-    VehicleConfig,
-    WindConfig,
-    load_run,
-    parse_vehicle_section,
-)
+from vehicle_sim.config import VehicleConfig, load_run, parse_vehicle_section
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, state_at_rest, state_derivative, step_free
 from vehicle_sim.errors import ConfigError
+from vehicle_sim.parts import AirframeConfig, FailureConfig, GustConfig, SensorsConfig, WindConfig
 from vehicle_sim.rotation import rotate
 from vehicle_sim.rotors import RotorModel, Wrench, rotor_wrench
 from vehicle_sim.vehicle import Vehicle

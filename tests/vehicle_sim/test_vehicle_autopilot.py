@@ -22,7 +22,8 @@ from vehicle_sim.autopilot.setpoints import (
     is_flyable,
     wants_to_climb,
 )
-from vehicle_sim.config import BatteryConfig, SensorsConfig, VehicleConfig, WindConfig
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.parts import BatteryConfig, SensorsConfig, WindConfig
 from vehicle_sim.rotation import quaternion_from_euler, yaw_of
 from vehicle_sim.vehicle import Vehicle, step_for_period_us
 

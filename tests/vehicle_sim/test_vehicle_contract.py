@@ -18,7 +18,8 @@ from vehicle_sim.autopilot.contract import TABLE, Effect, Event, Fact, find_row
 from vehicle_sim.autopilot.failsafe import FAILSAFES, POLICY, Decision, Reason, decide
 from vehicle_sim.autopilot.modes import MODE_TABLE, Mode, Need, runnable
 from vehicle_sim.autopilot.parameters import ParameterStore
-from vehicle_sim.config import BatteryConfig, VehicleConfig
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.parts import BatteryConfig
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
 

@@ -9,11 +9,13 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import SetpointMessage
-from vehicle_sim.config import VehicleConfig, WindConfig
-from vehicle_sim.flight import NOISE_COLUMNS, advance
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.flight import advance
 from vehicle_sim.noise import NoiseTable
+from vehicle_sim.parts import SensorsConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.payloads import Payload, base_length, payload_of
+from vehicle_sim.surroundings import NOISE_COLUMNS
 from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle
 
@@ -23,7 +25,8 @@ STILL = (0.0, 0.0, 0.0)
 @pytest.fixture(scope="module")
 def flying() -> Vehicle:
     """In the air under OFFBOARD, in wind, off its setpoint."""
-    vehicle = Vehicle(VehicleConfig(wind=WindConfig((3.0, 1.0, 0.0), (1.0, 1.0, 0.5))), 3)
+    wind = WindConfig((3.0, 1.0, 0.0), (1.0, 1.0, 0.5), dryden_w20_mps=8.0)
+    vehicle = Vehicle(VehicleConfig(wind=wind, sensors=SensorsConfig(estimator="filter")), 3)
     for k in range(500):
         vehicle.autopilot.receive_setpoint(
             SetpointMessage(1, 0, (2.0, 1.0, -4.0), (0.5, 0.0, 0.0), STILL, 0.7, 0.1), vehicle.estimate

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicle_sim.battery import Pack, fresh_battery, open_circuit_cell_v, step_battery, top_speed_fraction
-from vehicle_sim.config import AirframeConfig, BatteryConfig, HomeConfig, SensorsConfig, WindConfig
 from vehicle_sim.dynamics import (
     GRAVITY_MPS2,
     Body,
@@ -21,6 +20,7 @@ from vehicle_sim.dynamics import (
 )
 from vehicle_sim.geo import Geodetic, GeoFrame
 from vehicle_sim.noise import NoiseTable
+from vehicle_sim.parts import AirframeConfig, BatteryConfig, HomeConfig, SensorsConfig, WindConfig
 from vehicle_sim.rotation import (
     enu_flu_from_ned_frd,
     euler_from_quaternion,

@@ -10,7 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.results import Severity, Text
-from vehicle_sim.config import HomeConfig, VehicleConfig
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.parts import HomeConfig
 from vehicle_sim.protocol.codec import Codec, split_frames
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
