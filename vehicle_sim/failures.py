@@ -11,6 +11,7 @@ OK, OFF, STUCK = 0, 1, 2
 GYRO, ACCEL, MAG, BARO, GPS = 0, 1, 2, 3, 4
 BATTERY, MOTOR = 100, 101
 _SENSOR_BITS = {MAG: 1, BARO: 2, GPS: 4}
+_STATUS_BITS = {MAG: 0x04, BARO: 0x08, GPS: 0x20}
 Part = Literal["motor", "gps", "barometer", "magnetometer", "battery", "wind"]
 _UNITS: dict[str, int] = {"motor": MOTOR, "gps": GPS, "barometer": BARO, "magnetometer": MAG, "battery": BATTERY}
 
@@ -32,6 +33,11 @@ class Failures:
         self._due = sorted(plan, key=lambda failure: failure.at_s)
         self._flight, self._constants = flight, constants
         self.sensors_lost = 0
+
+    @property
+    def health_bits_lost(self) -> int:
+        """MAV_SYS_STATUS_SENSOR bits that are no longer healthy."""
+        return sum(bit for unit, bit in _STATUS_BITS.items() if self.sensors_lost & _SENSOR_BITS[unit])
 
     @property
     def gps_lost(self) -> bool:

@@ -57,7 +57,7 @@ class Vehicle:
         self._set_at_rest(seed)
         self.geo = GeoFrame.at(config.home)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
-        self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self.flight, self.constants)
+        self.autopilot = Autopilot(_parameters(config, hover), self.flight, self.constants)
         self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
         self._estimate: Estimate | None = None
         self._advance = advance
@@ -230,6 +230,16 @@ class Vehicle:
             s.gps_horizontal_std_m,
             s.gps_vertical_std_m,
         )
+
+
+def _parameters(config: VehicleConfig, hover_thrust: float) -> ParameterStore:
+    """The table with what the configuration says of the vehicle."""
+    described = {
+        "MAV_SYS_ID": config.system_id,
+        "BAT1_N_CELLS": config.battery.cells,
+        "BAT1_CAPACITY": 1e3 * config.battery.capacity_ah,
+    }
+    return ParameterStore({**described, **config.parameters}, hover_thrust)
 
 
 def _error_spread(sensors: SensorsConfig) -> list[float]:

@@ -19,6 +19,7 @@ from vehicle_sim.autopilot.failsafe import FAILSAFES, POLICY, Decision, Reason, 
 from vehicle_sim.autopilot.modes import MODE_TABLE, Mode, Need, runnable
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.config import VehicleConfig
+from vehicle_sim.endpoints import parse_endpoints
 from vehicle_sim.parts import BatteryConfig
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
@@ -232,6 +233,24 @@ def test_row_16_rates_within_five_percent(client: Client) -> None:
         "SCALED_PRESSURE": 1, "HOME_POSITION": 0.5, "BATTERY_STATUS": 0.5, "VIBRATION": 0.5,
     }  # fmt: skip
     assert {name: counts[name] / 20 for name in expected} == pytest.approx(expected, rel=0.05)
+
+
+def test_row_17_ports_of_instances() -> None:
+    for instance in (0, 3):
+        (endpoint,) = parse_endpoints(["udpout://127.0.0.1:14540"], None, instance)
+        assert (endpoint.bind, endpoint.target) == (("127.0.0.1", 14580 + instance), ("127.0.0.1", 14540 + instance))
+
+
+def test_failed_sensors_show_in_the_telemetry() -> None:
+    client = new_client(parameters={"SYS_FAILURE_EN": 1})
+    healthy = named(client.run(6.0), "SYS_STATUS")[-1].onboard_control_sensors_health
+    assert client.results(420, 4, 1) == client.results(420, 2, 1) == [0]
+    assert client.results(420, 0, 1) == [3]
+    heard = client.run(1.0)
+    assert healthy & 0x24 == 0x24
+    assert named(heard, "SYS_STATUS")[-1].onboard_control_sensors_health & 0x24 == 0
+    assert named(heard, "GPS_RAW_INT")[-1].fix_type == 1
+    assert new_client().results(420, 4, 1) == [2]
 
 
 def test_row_18_timesync(client: Client) -> None:

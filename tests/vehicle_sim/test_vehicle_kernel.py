@@ -1,6 +1,7 @@
 """The compiled kernel against the same code as plain Python, and prepared payloads against pymavlink's own packing."""
 
 import inspect
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.flight import advance
 from vehicle_sim.noise import NoiseTable
-from vehicle_sim.parts import SensorsConfig, WindConfig
+from vehicle_sim.parts import FailureConfig, SensorsConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
+from vehicle_sim.protocol.node import Node
 from vehicle_sim.protocol.payloads import Payload, base_length, payload_of
 from vehicle_sim.surroundings import NOISE_COLUMNS
 from vehicle_sim.telemetry.streams import STREAMS
@@ -86,3 +88,30 @@ def test_length_without_extensions_by_hand() -> None:
         mavlink.MAVLink_sys_status_message: 31,
     }
     assert {kind: base_length(kind) for kind in known} == known
+
+
+def digest_of_a_flight(seed: int) -> str:
+    """Every frame of twelve seconds with wind, failures and an estimator, as one number."""
+    config = VehicleConfig(
+        wind=WindConfig((2.0, 1.0, 0.0), dryden_w20_mps=6.0),
+        sensors=SensorsConfig(estimator="filter"),
+        failures=(FailureConfig(at_s=9.0, part="gps"), FailureConfig(at_s=10.0, part="motor", instance=2)),
+    )
+    node = Node(Vehicle(config, seed), lockstep=True)
+    session, pilot = node.session("client"), node.vehicle.autopilot
+    digest = sha256()
+    for k in range(600):
+        pilot.receive_setpoint(SetpointMessage(1, 0, (2.0, 1.0, -4.0), STILL, STILL, 0.7, 0.0), node.vehicle.estimate)
+        if k == 230:
+            pilot.request_mode(Mode.OFFBOARD)
+            pilot.request_arm()
+        node.advance_to(node.vehicle.t_us + 20_000)
+        digest.update(b"".join(node.take(session)))
+        node.journal.clear()
+    return digest.hexdigest()
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_bytes_a_hundred_times_faults_included() -> None:
+    assert len({digest_of_a_flight(7) for _ in range(100)}) == 1
+    assert digest_of_a_flight(8) != digest_of_a_flight(7)

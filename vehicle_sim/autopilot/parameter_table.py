@@ -29,7 +29,7 @@ LNDMC_TRIG_TIME   f  1      0.1   10      s      stillness that counts as landed
 LNDMC_XY_VEL_MAX  f  1.5    0     10      m/s    horizontal speed below which it may have landed
 LNDMC_Z_VEL_MAX   f  0.25   0     5       m/s    vertical speed below which it may have landed
 MAV_COMP_ID       i  1      1     250     -      fixed: component id
-MAV_SYS_ID        i  1      1     250     -      fixed: system id
+MAV_SYS_ID        i  1      1     255     -      fixed: system id
 MAV_TYPE          i  2      0     22      -      fixed: quadrotor
 MC_ACRO_P_MAX     f  100    0     1800    deg/s  Acro: pitch rate of full stick
 MC_ACRO_R_MAX     f  100    0     1800    deg/s  Acro: roll rate of full stick

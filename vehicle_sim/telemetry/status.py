@@ -63,7 +63,8 @@ def highres_imu(v: Vehicle) -> Payload:
 def gps_raw_int(v: Vehicle) -> Any:
     """GPS_RAW_INT."""
     r = v.readings
-    fix = mavlink.GPS_FIX_TYPE_3D_FIX if v.t_s >= _GPS_FIX_AFTER_S else mavlink.GPS_FIX_TYPE_NO_FIX
+    found = v.t_s >= _GPS_FIX_AFTER_S and not v.failures.gps_lost
+    fix = mavlink.GPS_FIX_TYPE_3D_FIX if found else mavlink.GPS_FIX_TYPE_NO_FIX
     place = v.geo.to_geodetic(r.gps_ned_m)
     vn, ve, _ = v.state.velocity_ned_mps
     millimetres = int32(place.altitude_m * 1e3)
@@ -95,7 +96,7 @@ def sys_status(v: Vehicle) -> Any:
     return mavlink.MAVLink_sys_status_message(
         _SENSORS_PRESENT | _PREARM_CHECK,
         _SENSORS_ENABLED | _PREARM_CHECK,
-        health,
+        health & ~v.failures.health_bits_lost,
         250,
         min(65534, round(b.voltage_v * 1e3)),
         int16(b.current_a * 100),
