@@ -16,7 +16,7 @@ from vehicle_sim.noise import NoiseTable
 from vehicle_sim.parts import FailureConfig, SensorsConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
-from vehicle_sim.protocol.payloads import Payload, base_length, payload_of
+from vehicle_sim.protocol.payloads import base_length, payload_of
 from vehicle_sim.surroundings import NOISE_COLUMNS
 from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle
@@ -66,7 +66,7 @@ def test_steps_one_by_one_or_in_batches_are_the_same_flight() -> None:
 @pytest.mark.parametrize("message_id", sorted(STREAMS))
 def test_every_stream_packs_byte_for_byte_as_pymavlink_does(flying: Vehicle, message_id: int) -> None:
     built = STREAMS[message_id][0](flying)
-    payload = built if isinstance(built, Payload) else payload_of(built)
+    payload = built if isinstance(built, tuple) else payload_of(built)
     frame = Codec(1).encode(payload)
     parser = mavlink.MAVLink(None, 1, 1)
     message: Any = parser.decode(bytearray(frame))

@@ -130,7 +130,8 @@ class Commander:
         if self.armed:
             if not self.health.landed:
                 self.has_flown, self._landed_s = True, t_s
-            self.request(Event.TICK, t_s, links)
+            if self.health.landed or self.decision.disarm:  # no row of the table acts on a tick otherwise
+                self.request(Event.TICK, t_s, links)
         before = self.decision
         self._decide(t_s, links)
         if self.decision.reason is not None and before.reason is None:

@@ -31,8 +31,10 @@ class Zone:
 
 def is_outside(position_ned_m: Vector, home_ned_m: Vector, zones: Sequence[Zone], parameters: ParameterStore) -> bool:
     """True when the fence is violated. A distance of 0 switches that limit off."""
-    n, e, d = position_ned_m
     far, high = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
+    if not zones and far <= 0.0 and high <= 0.0:
+        return False
+    n, e, d = position_ned_m
     if far > 0.0 and hypot(n - home_ned_m[0], e - home_ned_m[1]) > far:
         return True
     if high > 0.0 and home_ned_m[2] - d > high:

@@ -16,7 +16,7 @@ from vehicle_sim.protocol.signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing
 COMPONENT_ID = 1
 _STX_V2 = 0xFD
 _STX_V1 = 0xFE
-_HEADER_V2 = Struct("<BBBBBBBHB")
+_CHECKED_V2 = Struct("<BBBBBBHB")
 _HEADER_V1 = Struct("<BBBBBB")
 _CRC = Struct("<H")
 _MAX_REST = 300
@@ -49,18 +49,19 @@ class Codec:
 
     def encode(self, message: Any) -> bytes:
         """The frame of a message or payload, with the next sequence number; empty when version 1 cannot carry it."""
-        payload = message if type(message) is Payload else payload_of(message)
+        payload = message if type(message) is tuple else payload_of(message)
         if self.version == 1:
             return self._encode_v1(payload)
-        data = payload.data.rstrip(b"\0") or b"\0"
-        number, sequence = payload.message_id, self._sequence
-        flags = SIGNED_FLAG if self._signing is not None else 0
-        header = _HEADER_V2.pack(
-            _STX_V2, len(data), flags, 0, sequence, self._system_id, COMPONENT_ID, number & 0xFFFF, number >> 16
-        )
-        frame = header + data
-        frame += _CRC.pack(mcrf4xx(frame[1:] + payload.crc_extra))
+        number, seed, _, data = payload
+        data = data.rstrip(b"\0") or b"\0"
+        sequence = self._sequence
         self._sequence = (sequence + 1) & 0xFF
+        flags = SIGNED_FLAG if self._signing is not None else 0
+        checked = _CHECKED_V2.pack(
+            len(data), flags, 0, sequence, self._system_id, COMPONENT_ID, number & 0xFFFF, number >> 16
+        )
+        checked += data
+        frame = b"\xfd" + checked + _CRC.pack(mcrf4xx(checked + seed))
         return frame if self._signing is None else self._signing.sign(frame, self._link_id)
 
     def skip(self, count: int) -> None:
@@ -83,15 +84,13 @@ class Codec:
             yield Received(message, frame, message.get_srcSystem(), message.get_srcComponent())
 
     def _encode_v1(self, payload: Payload) -> bytes:
-        if payload.message_id > LAST_ID_OF_V1:
+        number, seed, length, data = payload
+        if number > LAST_ID_OF_V1:
             return b""
-        data = payload.data[: payload.base_length]
-        frame = (
-            _HEADER_V1.pack(_STX_V1, len(data), self._sequence, self._system_id, COMPONENT_ID, payload.message_id)
-            + data
-        )
+        data = data[:length]
+        frame = _HEADER_V1.pack(_STX_V1, len(data), self._sequence, self._system_id, COMPONENT_ID, number) + data
         self._sequence = (self._sequence + 1) & 0xFF
-        return frame + _CRC.pack(mcrf4xx(frame[1:] + payload.crc_extra))
+        return frame + _CRC.pack(mcrf4xx(frame[1:] + seed))
 
 
 class StreamSplitter:

@@ -31,8 +31,8 @@ class Session:
         self.speaks_v2 = False
         self.outbox: list[bytes] = []
         self._parameter_queue: deque[Any] = deque()
-        self._interval_us: dict[int, int] = {}
-        self._due_us: dict[int, int] = {}
+        self._by_id: dict[int, list[Any]] = {}  # [due, interval (us), builder]
+        self._streams: list[list[Any]] = []
         self._next_parameters_us = _NEVER_US
         self.next_us = _NEVER_US
         self._text_id = 0
@@ -74,19 +74,19 @@ class Session:
 
     def interval_us(self, message_id: int) -> int:
         """Current interval; -1 when the message is not streamed."""
-        return self._interval_us.get(message_id, -1)
+        return int(self._by_id[message_id][1]) if message_id in self._by_id else -1
 
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """0 restores the default, -1 stops. False when the message cannot be sent at all."""
         if message_id not in STREAMS:
             return False
         interval_us = interval_us or self._default_us.get(message_id, 0)
-        self._due_us.pop(message_id, None)
-        self._interval_us.pop(message_id, None)
+        self._by_id.pop(message_id, None)
         if interval_us > 0:
             interval_us = max(_MIN_INTERVAL_US, interval_us)
-            self._interval_us[message_id] = interval_us
-            self._due_us[message_id] = (self._vehicle.t_us // interval_us + 1) * interval_us
+            due_us = (self._vehicle.t_us // interval_us + 1) * interval_us
+            self._by_id[message_id] = [due_us, interval_us, STREAMS[message_id][0]]
+        self._streams = list(self._by_id.values())
         self._schedule()
         return True
 
@@ -106,14 +106,20 @@ class Session:
             return
         if t_us >= self._next_parameters_us:
             self._send_some_parameters(t_us)
-        for message_id, due_us in self._due_us.items():
+        vehicle, encode, outbox, soonest_us = self._vehicle, self.codec.encode, self.outbox, self._next_parameters_us
+        for stream in self._streams:
+            due_us = stream[0]
             if due_us <= t_us:
-                message = STREAMS[message_id][0](self._vehicle)
+                interval_us = stream[1]
+                stream[0] = due_us = (t_us // interval_us + 1) * interval_us
+                message = stream[2](vehicle)
                 if message is not None:
-                    self.send(message)
-                interval_us = self._interval_us[message_id]
-                self._due_us[message_id] = (t_us // interval_us + 1) * interval_us
-        self._schedule()
+                    frame = encode(message)
+                    if frame:
+                        outbox.append(frame)
+            if due_us < soonest_us:
+                soonest_us = due_us
+        self.next_us = soonest_us
 
     def take(self) -> list[bytes]:
         """Everything queued, in order; the outbox is empty afterwards."""
@@ -126,4 +132,4 @@ class Session:
         self._next_parameters_us = t_us + _PARAMETERS_EVERY_US if self._parameter_queue else _NEVER_US
 
     def _schedule(self) -> None:
-        self.next_us = min(self._next_parameters_us, min(self._due_us.values(), default=_NEVER_US))
+        self.next_us = min([self._next_parameters_us, *(stream[0] for stream in self._streams)])
