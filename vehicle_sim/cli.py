@@ -86,6 +86,8 @@ def _check(arguments: argparse.Namespace) -> None:
         raise ConfigError("CONFIG is missing; give the path of a run's YAML file")
     if not arguments.connect:
         raise ConfigError("--connect is missing; give where the clients are, such as udpout://127.0.0.1:14540")
+    if arguments.truth is not None and not arguments.truth.startswith("udpout://"):
+        raise ConfigError(f"--truth {arguments.truth}: must be udpout://HOST:PORT")
     if not (1 <= arguments.count <= 200 and 0 <= arguments.instance <= 200):
         raise ConfigError("--count must be 1 to 200 and --instance 0 to 200")
 
@@ -102,8 +104,8 @@ def _fly(arguments: argparse.Namespace) -> int:
     config = _for_instance(load_run(arguments.config, _overrides(arguments)), arguments.instance)
     endpoints = parse_endpoints(arguments.connect, arguments.bind, arguments.instance)
     if arguments.truth is not None:
-        endpoints += parse_endpoints(["udpin://127.0.0.1:0", arguments.truth], None, arguments.instance)[1:]
-        endpoints[-1] = dataclasses.replace(endpoints[-1], bind=("127.0.0.1", 0))
+        (truth_endpoint,) = parse_endpoints([arguments.truth], "127.0.0.1:0", arguments.instance)
+        endpoints.append(dataclasses.replace(truth_endpoint, bind=("127.0.0.1", 0)))
     stop: list[int] = []
     control = Control(paused=arguments.paused)
     _listen_to_signals(stop, control)
