@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Rung
 from sandwich_sitl.control.horizon import Horizon, HorizonSolver
-from sandwich_sitl.control.mpc import Mpc
+from sandwich_sitl.control.mpc import Mpc, motion_limits
 from sandwich_sitl.control.solvers.registry import solver_for_flight
 from sandwich_sitl.control.tracker import Tick, Tracker, rehearse
+from sandwich_sitl.errors import InputError
 from sandwich_sitl.mission.brake import BrakeProfile
 from sandwich_sitl.mission.orders import Stream
 from sandwich_sitl.mission.setpoint import Setpoint
@@ -47,7 +48,11 @@ class Pilot:
         corridor: Corridor,
         make_solver: Callable[[str, Horizon], HorizonSolver] = solver_for_flight,
     ) -> None:
-        """Everything that takes time to build, the controller above all, is built here, before there is a flight."""
+        """Everything that takes time to build, the controller above all, is built here, before there is a flight.
+
+        Raises `InputError` when the plan's limits leave less than the reference asks for.
+        """
+        _check_room(config)
         self._config, self._reference, self._corridor = config, reference, corridor
         self._mpc = Mpc(config.mpc, config.mode, corridor.Gamma.shape[1], make_solver)
         rehearse(self._mpc, config, reference, corridor)
@@ -138,6 +143,21 @@ class Pilot:
     def _answer(self, setpoint: Setpoint, tick: Tick | None = None) -> Steering:
         self._last = setpoint
         return Steering(setpoint, tick)
+
+
+def _check_room(config: RunConfig) -> None:
+    """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up."""
+    if config.mode == "paper":
+        return
+    for key, plan, reference in (
+        ("speed_mps", config.mpc.speed_mps, config.planner.speed_mps),
+        ("acceleration_mps2", motion_limits(config.mpc).acceleration_mps2, config.planner.acceleration_mps2),
+    ):
+        if plan < reference:
+            raise InputError(
+                f"mpc.{key}: {plan:g} (with mpc.tilt_deg) is less than planner.{key} {reference:g}, so the plan could "
+                "not follow its own reference; raise the one or lower the other"
+            )
 
 
 def _yaw(view: VehicleView) -> float:

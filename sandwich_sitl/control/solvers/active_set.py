@@ -14,7 +14,7 @@ from sandwich_sitl.control.horizon import (
     HorizonTick,
 )
 
-_MOST_ROUNDS = 400
+_MOST_ROUNDS_A_STEP = 25  # a tick from flight takes one or two in all, one that no plan can mend a few a step
 
 
 class ActiveSetSolver:
@@ -45,7 +45,7 @@ class ActiveSetSolver:
             return self._horizon.failed()
         rounds, working = dual_active_set(
             free, self._horizon.table, np.ascontiguousarray(tick.normals), tick.offsets, self._edges, self._edge_count,
-            self._rho, self._rows, self._multipliers, self._opened, _MOST_ROUNDS, self._shares,
+            self._rho, self._rows, self._multipliers, self._opened, _MOST_ROUNDS_A_STEP * self._horizon.n_tau, self._shares,
         )  # fmt: skip
         if rounds < 0:
             self._rows[:, 0] = -1
