@@ -119,7 +119,7 @@ class Horizon:
         drift = np.concatenate([*(G[3 * k :: 12] for k in range(4)), np.zeros((n_tau, 4))])
         W1 = cost_matrix(response[:n_tau], np.full(n_tau, weight), self.beta)
         self.factor = np.linalg.cholesky(W1 / self.beta)
-        unit = np.repeat(self.units, n_tau)[:, None]
+        self.unit_of_row = unit = np.repeat(self.units, n_tau)[:, None]
         self.M = np.linalg.solve(self.factor, response.T).T / unit
         self.table = np.ascontiguousarray(self.M @ self.M.T)
         to_position = weight * self.table[:, :n_tau]
@@ -143,7 +143,7 @@ class Horizon:
     def answer(self, shares: Array, tick: HorizonTick, status: int, iterations: int) -> HorizonAnswer:
         """The answer that belongs to shares (5 n, axes) of an optimum."""
         slack, excess = self.excesses(shares, tick)
-        values = (shares * np.repeat(self.units, self.n_tau)[:, None]).reshape(QUANTITIES, self.n_tau, self.axes)
+        values = (shares * self.unit_of_row).reshape(QUANTITIES, self.n_tau, self.axes)
         return HorizonAnswer(values[4], values[:4], slack, excess, status, iterations)
 
     def answer_of_snap(self, snap: Array, tick: HorizonTick, status: int, iterations: int) -> HorizonAnswer:
@@ -154,7 +154,7 @@ class Horizon:
             state = self.chain @ state + self.drive[:, None] * snap[h]
             motion[:, h] = state
         shares = np.concatenate([motion.reshape(4 * self.n_tau, self.axes), snap])
-        return self.answer(shares / np.repeat(self.units, self.n_tau)[:, None], tick, status, iterations)
+        return self.answer(shares / self.unit_of_row, tick, status, iterations)
 
     def failed(self, iterations: int = 0) -> HorizonAnswer:
         """The answer of a tick that has none."""

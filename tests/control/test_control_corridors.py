@@ -14,7 +14,7 @@ from sandwich_sitl.planning.flight_plan import Corridor, Reference
 
 from .flights import DT, boxes, failing_when, quintic, run_config
 
-TOLERANCE_M = 0.02
+TOLERANCE_M = 0.02 + 0.002  # the configured one, and what lies between two grids
 
 
 def random_corridor(rng: np.random.Generator) -> tuple[Reference, Corridor]:
