@@ -32,8 +32,8 @@ class OsqpSolver:
         self._solver = osqp.OSQP()
         self._solver.setup(
             sp.csc_matrix(form.P), form.q, sp.csc_matrix(form.A), form.l, form.u,
-            verbose=False, warm_starting=True, scaling=0, adaptive_rho=False, rho=0.2, alpha=1.6,
-            eps_abs=1e-3, eps_rel=1e-3, max_iter=150, check_termination=25, polishing=False,
+            verbose=False, warm_starting=True, scaling=0, adaptive_rho=False, rho=0.05, alpha=1.6,
+            eps_abs=1e-4, eps_rel=1e-4, max_iter=200, check_termination=25, polishing=False,
         )  # fmt: skip
         self._normals = form.A.data[form.normals_at]
 
