@@ -142,7 +142,14 @@ class Horizon:
 
     def answer(self, shares: Array, tick: HorizonTick, status: int, iterations: int) -> HorizonAnswer:
         """The answer that belongs to shares (5 n, axes) of an optimum."""
-        slack, excess = self.excesses(shares, tick)
+        return self._answer(shares, *self.excesses(shares, tick), status, iterations)
+
+    def free_answer(self, shares: Array) -> HorizonAnswer:
+        """The answer that belongs to shares (5 n, axes) that keep every row."""
+        kept = np.zeros(self.n_tau)
+        return self._answer(shares, kept, kept, FREE, 0)
+
+    def _answer(self, shares: Array, slack: Array, excess: Array, status: int, iterations: int) -> HorizonAnswer:
         values = (shares * self.unit_of_row).reshape(QUANTITIES, self.n_tau, self.axes)
         return HorizonAnswer(values[4], values[:4], slack, excess, status, iterations)
 

@@ -4,7 +4,6 @@ import numpy as np
 
 from sandwich_sitl.control.dual_kernel import dual_active_set
 from sandwich_sitl.control.horizon import (
-    FREE,
     MOTION_PENALTY,
     QUANTITIES,
     REGION_PENALTY,
@@ -51,4 +50,6 @@ class ActiveSetSolver:
             self._rows[:, 0] = -1
             self._opened[:] = 0
             return self._horizon.failed(-rounds)
-        return self._horizon.answer(self._shares, tick, SOLVED if working else FREE, rounds)
+        if not working:
+            return self._horizon.free_answer(free)
+        return self._horizon.answer(self._shares, tick, SOLVED, rounds)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sandwich_sitl.control.horizon import FREE, Horizon, HorizonAnswer, HorizonSolver, HorizonTick
+from sandwich_sitl.control.horizon import Horizon, HorizonAnswer, HorizonSolver, HorizonTick
 
 
 class IdleRowsFirst:
@@ -20,5 +20,5 @@ class IdleRowsFirst:
         too_much = bool(horizon.bounded[3]) and float(inputs.max()) > 1.0
         # Comparisons with nan are false, so that a tick with one goes on to the solver, which says FAILED.
         if outside.max() <= 0.0 and beyond.max() <= 0.0 and not too_much and np.isfinite(shares).all():
-            return horizon.answer(shares, tick, FREE, 0)
+            return horizon.free_answer(shares)
         return self._solver.solve(tick)
