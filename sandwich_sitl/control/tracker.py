@@ -121,8 +121,9 @@ class Tracker:
         )
 
     def _when_at(self, height_m: float) -> float:
-        """When the reference first comes to a height."""
-        return float(self._reference.t_s[np.argmax(self._reference.xyz_m[:, 2] >= height_m)])
+        """When the reference first comes to a height, or to its own greatest one."""
+        z = self._reference.xyz_m[:, 2]
+        return float(self._reference.t_s[np.argmax(z >= min(height_m, float(z.max())))])
 
     def _tick(self, solution: MpcSolution, rung: Rung, fault: Fault, snap: Array, ahead_m: Array) -> Tick:
         now, region = self._sample(np.array([self.clock.t_s]))
