@@ -94,7 +94,7 @@ class MpcConfig:
     height_band_m: Annotated[float, Field(gt=0, description="how far the plan may leave the desired height")] = 1.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class TrackingConfig:
     """What closes the loop round the plan: offset, delay and motion of the vehicle."""
 
@@ -106,7 +106,7 @@ class TrackingConfig:
     offset_limit_m: Annotated[float, Field(gt=0, description="largest offset that is aimed off")] = 1.0
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class AssuranceConfig:
     """When a plan is not flown."""
 
