@@ -359,6 +359,10 @@ FAMILIES: dict[str, Callable[[Generator], tuple[Shapes, float]]] = {
 }
 
 
+# One seed of each family whose world has few obstacles.
+QUICK = {family: number for number, family in enumerate(FAMILIES)} | {"mixed": 342, "crowded": 271, "convex": 38}
+
+
 def sample_world(seed: int) -> SampleWorld:
     """World number `seed` of the suite: its family, shapes, flow and cell size (0.5 to 2 % of the width)."""
     rng = np.random.default_rng([3, seed])
