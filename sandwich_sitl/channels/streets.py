@@ -6,7 +6,6 @@ a *street* between two outlines side by side. Behind the lids the ground is mesh
 and routes pass through it.
 """
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ from sandwich_sitl.channels.outline import Bounds, Outline
 Array = NDArray[np.float64]
 
 _MOST_LEVELS = 16  # vertices, and even steps, of a street tried as its ends
+_MOST_TRIED = 40  # of a street's possible ends, deepest first
 _DEEP = 0.8  # depth over width from which a slot with one mouth is closed; twice that for one with two
 
 
@@ -82,8 +82,8 @@ def _streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
     found = []
     for a, b in pairs[pairs[:, 0] != pairs[:, 1]].tolist():
         if outlines[a].upper[-1, 0] <= outlines[b].upper[0, 0]:
-            profiles = outlines[a].right_profile(), outlines[b].left_profile()
-            segments = _street(*profiles, (bounds[1], bounds[3]), tree, {a, b})
+            left, right = outlines[a].right_profile(), outlines[b].left_profile()
+            segments = _street(left, right, (bounds[1], bounds[3]), tree, {a, b})
             found += [] if segments is None else [Lids(a, b, segments)]
     return found
 
@@ -95,13 +95,15 @@ def _border_streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
     found = []
     for k, outline in enumerate(outlines):
         for border_x, mine in ((x_min, outline.left_profile()), (x_max, outline.right_profile())):
+            if np.abs(mine[:, 0] - border_x).min() > np.ptp(mine[:, 1]) / _DEEP:
+                continue
             contact = mine[mine[:, 0] == border_x, 1]
             spans = [(y_min, y_max)] if not contact.size else [(y_min, contact.min()), (contact.max(), y_max)]
             for span in spans:
                 border = np.array([[border_x, y] for y in span])
-                profiles = (border, mine) if border_x == x_min else (mine, border)
+                left, right = (border, mine) if border_x == x_min else (mine, border)
                 closed = (y_min, y_max, *(float(y) for y in contact))
-                segments = _street(*profiles, closed, tree, {k})
+                segments = _street(left, right, closed, tree, {k})
                 found += [] if segments is None else [Lids(k, k, segments)]
     return found
 
@@ -123,32 +125,33 @@ def _street(
         levels[np.unique(np.linspace(0, len(levels) - 1, _MOST_LEVELS).round().astype(int))] if len(levels) else levels
     )
     levels = np.unique(np.concatenate([levels, np.linspace(low, high, _MOST_LEVELS)]))
-    left, right = _x_at(right_of_a, levels, np.max), _x_at(left_of_b, levels, np.min)
-    for c, d in sorted(
-        itertools.combinations(range(len(levels)), 2), key=lambda ends: levels[ends[0]] - levels[ends[1]]
-    ):
-        shut = [k for k in (c, d) if levels[k] not in closed]
-        depth = float(levels[d] - levels[c])
-        if not shut or depth < _DEEP * len(shut) * max(right[k] - left[k] for k in shut):
-            continue
-        ground = Polygon(
-            [*np.column_stack([left, levels])[c : d + 1], *np.column_stack([right, levels])[c : d + 1][::-1]]
-        )
-        if set(tree.query(ground, predicate="intersects").tolist()) <= own:
-            return np.array([[[left[k], levels[k]], [right[k], levels[k]]] for k in shut])
+    left, right = _x_at(right_of_a, levels, furthest_right=True), _x_at(left_of_b, levels, furthest_right=False)
+    c, d = np.triu_indices(len(levels), 1)
+    width = right - left
+    shut = ~np.isin(levels, closed)
+    widest = np.maximum(np.where(shut[c], width[c], 0.0), np.where(shut[d], width[d], 0.0))
+    mouths = shut[c].astype(int) + shut[d]
+    depth = levels[d] - levels[c]
+    deep = np.flatnonzero((mouths > 0) & (depth >= _DEEP * mouths * widest))
+    for k in deep[np.argsort(-depth[deep], kind="stable")][:_MOST_TRIED]:
+        ends = slice(int(c[k]), int(d[k]) + 1)
+        sides = [np.column_stack([x, levels])[ends] for x in (left, right)]
+        if set(tree.query(Polygon([*sides[0], *sides[1][::-1]]), predicate="intersects").tolist()) <= own:
+            return np.array([[[left[m], levels[m]], [right[m], levels[m]]] for m in (c[k], d[k]) if shut[m]])
     return None
 
 
-def _x_at(profile: Array, levels: Array, extreme: np.ufunc) -> Array:
+def _x_at(profile: Array, levels: Array, *, furthest_right: bool) -> Array:
     """Outermost x (n,) of a profile (V, 2), a path from its lowest to its highest point, at heights `levels`."""
     start, end = profile[:-1], profile[1:]
     low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
-    values = []
-    for level in levels:
-        spans = (low <= level) & (level <= high)
-        rise = end[spans, 1] - start[spans, 1]
-        share = np.where(rise != 0, (level - start[spans, 1]) / np.where(rise != 0, rise, 1.0), 0.0)
-        x = start[spans, 0] + share * (end[spans, 0] - start[spans, 0])
-        flat = rise == 0
-        values.append(extreme(np.concatenate([x, end[spans, 0][flat]])))
-    return np.array(values)
+    rise = end[:, 1] - start[:, 1]
+    flat = rise == 0
+    share = np.where(flat, 1.0, (levels[:, None] - start[:, 1]) / np.where(flat, 1.0, rise))
+    x = start[:, 0] + share * (end[:, 0] - start[:, 0])
+    outer = np.where(
+        flat, np.maximum(start[:, 0], end[:, 0]) if furthest_right else np.minimum(start[:, 0], end[:, 0]), x
+    )
+    spans = (low <= levels[:, None]) & (levels[:, None] <= high)
+    masked = np.where(spans, outer, -np.inf if furthest_right else np.inf)
+    return np.asarray(masked.max(axis=1) if furthest_right else masked.min(axis=1))
