@@ -222,7 +222,7 @@ def _needles(rng: Generator) -> tuple[Shapes, float]:
 
 def _round(rng: Generator) -> tuple[Shapes, float]:
     def draw(size: float) -> Polygon:
-        return disc(*_somewhere(rng), 0.5 * size, int(rng.integers(40, 120)))
+        return disc(*_somewhere(rng), 0.5 * size, int(rng.integers(1000, 5000)))
 
     return _scattered(rng, int(rng.integers(1, 21)), 0.3, 2.0, draw), 0.5
 
