@@ -8,7 +8,7 @@ import shapely
 from shapely import LineString, Polygon, box
 from world_samples import ell, horseshoe, needle, spiral
 
-from sandwich_sitl.channels.bays import Bay, mesh_bay, mesh_stretch
+from sandwich_sitl.channels.bays import Bay, mesh_bay, mesh_ground
 
 NO_LIDS = np.empty((0, 2, 2))
 CELL_M = 1.0
@@ -95,6 +95,6 @@ def test_stretch_has_its_outline_as_lid_nodes() -> None:
             np.column_stack([0 * t, (np.sin(3) + 4) * (1 - t)])[:-1],
         ]
     )
-    bay = mesh_stretch("stretch", outline, CELL_M)
+    bay = mesh_ground("stretch", Polygon(outline), {(x, y) for x, y in outline.tolist()}, CELL_M)
     check_mesh(bay, Polygon(outline))
     assert {tuple(xy) for xy in bay.xy_m[bay.lid_nodes].tolist()} == {tuple(xy) for xy in outline.tolist()}
