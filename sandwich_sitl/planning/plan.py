@@ -22,7 +22,7 @@ from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, pa
 from sandwich_sitl.planning.corridor import mended_corridor, neighbouring_quadrangle, paper_corridor
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
+from sandwich_sitl.planning.map_graph import MapGraph, Place, build_map_graph, links
 from sandwich_sitl.planning.search import Graph, astar
 from sandwich_sitl.planning.smoothing import smooth_route
 from sandwich_sitl.planning.time_law import climb, rest_to_rest
@@ -84,9 +84,9 @@ def plan_flight(
     on_stage("reference and corridor")
     solid = grow(world, planner.vehicle_radius_m, detail)
     reference, corridor = (
-        _paper_reference(config, channel_map, route)
+        _paper_reference(config, channel_map, map_graph, route)
         if config.mode == "paper"
-        else _timed_reference(config, channel_map, route, list(solid.polygons))
+        else _timed_reference(config, channel_map, map_graph, route, list(solid.polygons))
     )
     return FlightPlan(
         name=config.name,
@@ -145,7 +145,7 @@ def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal:
     Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are
     not connected.
     """
-    start_links, goal_links = links(map_graph, channel_map, start), links(map_graph, channel_map, goal)
+    start_links, goal_links = links(map_graph, start), links(map_graph, goal)
     for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
         if not found:
             raise InputError(
@@ -216,7 +216,7 @@ def _planning_space(channel_map: ChannelMap, places: NDArray[np.int64]) -> Array
 
 
 def _timed_reference(
-    config: RunConfig, channel_map: ChannelMap, route: Route, solid: list[shapely.Polygon]
+    config: RunConfig, channel_map: ChannelMap, map_graph: MapGraph, route: Route, solid: list[shapely.Polygon]
 ) -> tuple[Reference, Corridor]:
     """Climb over the start, then the smoothed route under the configured limits; one mended region a route node."""
     planner, dt = config.planner, 1.0 / config.mpc.rate_hz
@@ -227,7 +227,7 @@ def _timed_reference(
     up = climb(config.altitude_m, _CLIMB_MPS, planner.acceleration_mps2, dt)
     xy = np.concatenate([np.tile(timed.xy_m[0], (len(up), 1)), timed.at(along)])
     z = np.concatenate([up, np.full(len(along), config.altitude_m)])
-    places = _places(channel_map, route)
+    places = _places(map_graph, route)
     centres = np.array([_node_m(channel_map, place) for place in places])
     region = _in_turn(xy, centres)
     used, region = np.unique(region, return_inverse=True)
@@ -241,14 +241,16 @@ def _timed_reference(
     ), corridor
 
 
-def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -> tuple[Reference, Corridor]:
+def _paper_reference(
+    config: RunConfig, channel_map: ChannelMap, map_graph: MapGraph, route: Route
+) -> tuple[Reference, Corridor]:
     """One route node a step of `mpc.step_s`, the paper's raw quadrangles (notes N12)."""
     step, dt = config.mpc.step_s, 1.0 / config.mpc.rate_hz
     up = climb(config.altitude_m, _CLIMB_MPS, config.planner.acceleration_mps2, dt)
     nodes_t = np.arange(len(route.points_m)) * step
     along = np.arange(0.0, nodes_t[-1] + dt, dt)
     xy = np.column_stack([np.interp(along, nodes_t, route.points_m[:, axis]) for axis in range(2)])
-    places = _places(channel_map, route)
+    places = _places(map_graph, route)
     quadrangles = np.array([neighbouring_quadrangle(channel_map, place) for place in places])
     node = np.clip(np.rint(along / step).astype(np.int64), 0, len(places) - 1)
     xyz = np.concatenate(
@@ -261,20 +263,14 @@ def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -
     return Reference(np.arange(len(xyz), dtype=np.float64) * dt, xyz, region), paper_corridor(quadrangles)
 
 
-def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]:
+def _places(map_graph: MapGraph, route: Route) -> list[Place]:
     """Grid places (d, i, j) of the route's points; start and goal take the nearest corner of their cell."""
-    ends = []
-    for point in (route.points_m[0], route.points_m[-1]):
-        b, i, j = locate(channel_map, point)[0]
-        if b < channel_map.channels:
-            corners = [(b, i + k, j + m) for k in (0, 1) for m in (0, 1)]
-        else:
-            corners = [(b, int(node), 0) for node in channel_map.bays[b - channel_map.channels].quads[i]]
-        ends.append(min(corners, key=lambda c: float(np.hypot(*(_node_m(channel_map, c) - point)))))
-    return [ends[0], *((int(d), int(i), int(j)) for d, i, j in route.places), ends[1]]
+    ends = [min(links(map_graph, point), key=lambda link: link[1])[0] for point in route.points_m[[0, -1]]]
+    first, last = map_graph.place[ends]
+    return [(int(b), int(i), int(j)) for b, i, j in (first, *route.places, last)]
 
 
-def _node_m(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
+def _node_m(channel_map: ChannelMap, place: Place) -> Array:
     """Position (2,) of the node at a place of the map's graph."""
     b, i, j = place
     if b < channel_map.channels:
