@@ -49,6 +49,25 @@ class CellIndex:
 
 
 @njit(cache=True, nogil=True)
+def rows_of(corners: Ints, nodes: int) -> tuple[Ints, Ints]:
+    """For node numbers (C, K) of cells' corners: the cells at each node as compressed rows (first, cells)."""
+    first = np.zeros(nodes + 1, dtype=np.int64)
+    for cell in range(len(corners)):
+        for v in range(corners.shape[1]):
+            first[corners[cell, v] + 1] += 1
+    for node in range(nodes):
+        first[node + 1] += first[node]
+    cells = np.empty(first[nodes], dtype=np.int64)
+    filled = np.zeros(nodes, dtype=np.int64)
+    for cell in range(len(corners)):
+        for v in range(corners.shape[1]):
+            node = corners[cell, v]
+            cells[first[node] + filled[node]] = cell
+            filled[node] += 1
+    return first, cells
+
+
+@njit(cache=True, nogil=True)
 def _boxes(corners: Array, cell: int, origin: Array, box: float, n_x: int, n_y: int) -> tuple[int, int, int, int]:
     """First and last box along x and y that a cell reaches."""
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.channel_map import ChannelMap
-from sandwich_sitl.planning.cell_index import CellIndex
+from sandwich_sitl.planning.cell_index import CellIndex, rows_of
 from sandwich_sitl.planning.search import Graph, Links, distances_to
 
 Array = NDArray[np.float64]
@@ -42,6 +42,11 @@ class MapGraph:
     def cells(self) -> CellIndex:
         """Spatial index of the cells."""
         return CellIndex.of(self.graph.xy_m[self.quads])
+
+    @cached_property
+    def around(self) -> tuple[Ints, Ints]:
+        """Compressed rows: the cells `around[first[n] : first[n + 1]]` have node n as a corner; (first, around)."""
+        return rows_of(self.quads, len(self.graph.xy_m))
 
 
 def build_map_graph(channel_map: ChannelMap) -> MapGraph:
