@@ -46,7 +46,8 @@ class MapGraph:
     @cached_property
     def around(self) -> tuple[Ints, Ints]:
         """Compressed rows: the cells `around[first[n] : first[n + 1]]` have node n as a corner; (first, around)."""
-        return rows_of(self.quads, len(self.graph.xy_m))
+        first, cells = rows_of(self.quads, len(self.graph.xy_m))
+        return first, cells
 
 
 def build_map_graph(channel_map: ChannelMap) -> MapGraph:
@@ -76,10 +77,10 @@ def build_map_graph(channel_map: ChannelMap) -> MapGraph:
     xy_m = np.empty((count, 2))
     nodes = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
     for b in reversed(range(len(numbers))):
-        number = numbers[b]
-        i, j = np.indices(number.shape, sparse=True)
-        place[number, 0], place[number, 1], place[number, 2] = b, i, j
-        xy_m[number] = nodes[b]
+        own = numbers[b]
+        place[own, 0] = b
+        place[own, 1], place[own, 2] = np.arange(own.shape[0])[:, None], np.arange(own.shape[1])
+        xy_m[own] = nodes[b]
     quads, cell_place = _cells(channel_map, numbers)
     return MapGraph(Graph.from_quads(xy_m, quads), tuple(numbers), place, quads, cell_place)
 
@@ -93,9 +94,7 @@ def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
         quads.append(corners[gridded].reshape(-1, 4))
         columns, rows = np.flatnonzero(gridded), np.arange(number.shape[1] - 1)
         places.append(
-            np.column_stack(
-                [np.full(len(quads[-1]), d), np.repeat(columns, len(rows)), np.tile(rows, len(columns))]
-            )
+            np.column_stack([np.full(len(quads[-1]), d), np.repeat(columns, len(rows)), np.tile(rows, len(columns))])
         )
     for b, bay in enumerate(channel_map.bays, start=channel_map.channels):
         quads.append(numbers[b][bay.quads, 0])

@@ -127,4 +127,5 @@ def _corners(xy: Array, before: Ints, after: Ints) -> NDArray[np.bool_]:
     """Where the free angle is 180 degrees or more."""
     into, out = xy - xy[before], xy[after] - xy
     turn = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    return (before == MANY) | ((before >= 0) & (turn <= _FLAT * np.hypot(*into.T) * np.hypot(*out.T)))
+    flat = _FLAT * np.hypot(*into.T) * np.hypot(*out.T)
+    return np.asarray((before == MANY) | ((before >= 0) & (turn <= flat)))

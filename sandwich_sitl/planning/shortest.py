@@ -67,7 +67,7 @@ def _seen(d_x: float, d_y: float, r_x: float, r_y: float, l_x: float, l_y: float
     slack_r = _GRAZE * d * np.sqrt(r_x * r_x + r_y * r_y)
     slack_l = _GRAZE * d * np.sqrt(l_x * l_x + l_y * l_y)
     ahead = d_x * (r_x + l_x) + d_y * (r_y + l_y) >= 0.0 or _cross(r_x, r_y, l_x, l_y) > 0.0
-    return ahead and _cross(r_x, r_y, d_x, d_y) >= -slack_r and _cross(d_x, d_y, l_x, l_y) >= -slack_l
+    return bool(ahead and _cross(r_x, r_y, d_x, d_y) >= -slack_r and _cross(d_x, d_y, l_x, l_y) >= -slack_l)
 
 
 @njit(cache=True, nogil=True)
@@ -151,16 +151,12 @@ def _search(
                     if g == t:
                         g_x, g_y = goal[0] - x, goal[1] - y
                         through = cost + np.sqrt(g_x * g_x + g_y * g_y)
-                        if through < goal_cost and (
-                            everywhere or _seen(g_x, g_y, taut_rx, taut_ry, taut_lx, taut_ly)
-                        ):
+                        if through < goal_cost and (everywhere or _seen(g_x, g_y, taut_rx, taut_ry, taut_lx, taut_ly)):
                             goal_cost, goal_from = through, root
                 for k in range(3):
                     a, b = triangles[t, k], triangles[t, (k + 1) % 3]
                     r_x, r_y, l_x, l_y = xy[a, 0] - x, xy[a, 1] - y, xy[b, 0] - x, xy[b, 1] - y
-                    if corner[a] and a != root and (
-                        everywhere or _seen(r_x, r_y, taut_rx, taut_ry, taut_lx, taut_ly)
-                    ):
+                    if corner[a] and a != root and (everywhere or _seen(r_x, r_y, taut_rx, taut_ry, taut_lx, taut_ly)):
                         _reach(xy, before, after, best, came, queue, a, root, cost, r_x, r_y, goal, goal_cost)
                     if a == root or b == root or beyond[t, k] < 0:
                         continue

@@ -6,13 +6,13 @@ import itertools
 import numpy as np
 import pytest
 import shapely
+from sandwich_sitl.channels.hull import ring_edges, vertical_hull
 from shapely import box
 from world_samples import BOUNDS, grown_world, horseshoe, random_shapes
 
 from sandwich_sitl.channels.barrier import Barrier
 from sandwich_sitl.channels.classify import classify
 from sandwich_sitl.channels.dividers import lay_dividers
-from sandwich_sitl.channels.hull import ring_edges, vertical_hull
 from sandwich_sitl.errors import NoRouteError
 
 SEEDS = [3, 6, 8, 11, 12, 14, 17, 18, 19, 20, 22, 24, 25]
