@@ -127,7 +127,9 @@ def _stray(channel_map: ChannelMap, tolerance: float) -> int:
     if not len(points):
         return 0
     lines = np.array([polygon.exterior for polygon in channel_map.grown.polygons], dtype=object)
-    walls = shapely.STRtree(np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays)]))
+    walls = shapely.STRtree(
+        np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays), *_lost_outlines(channel_map)])
+    )
     _, distance = walls.query_nearest(points, return_distance=True, all_matches=False)
     return int((distance > tolerance).sum())
 
@@ -135,6 +137,11 @@ def _stray(channel_map: ChannelMap, tolerance: float) -> int:
 def _has_cells(gridded: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which columns of nodes (m_phi,) have cells beside them."""
     return np.concatenate([gridded[:1], gridded[1:] | gridded[:-1], gridded[-1:]])
+
+
+def _lost_outlines(channel_map: ChannelMap) -> list[NDArray[np.object_]]:
+    """A wall runs straight across the mouth of a sliver that is left out."""
+    return [np.array([shapely.LinearRing(lost.ring_m)], dtype=object) for lost in channel_map.lost]
 
 
 def _outer_edges(bay: Bay) -> NDArray[np.object_]:

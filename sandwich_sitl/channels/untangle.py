@@ -25,8 +25,8 @@ from sandwich_sitl.channels.cells import quad_sines
 
 Array = NDArray[np.float64]
 
-RINGS = (3, 6, 12, 24, 48, 96)  # cells round the bad ones that may move, tried in turn
-_MOST_SWEEPS = 120  # of a patch
+RINGS = (3, 6, 12)  # cells round the bad ones that may move, tried in turn
+_MOST_SWEEPS = 60  # of a patch
 _SETTLING = 4  # sweeps after the last bad cell has gone
 _SHRINK = 0.04  # eps^2 over the square of the most negative Jacobian
 _FLOOR = 1e-20
