@@ -22,15 +22,15 @@ Ints = NDArray[np.int64]
 
 _SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 _FLAT = 1e-9  # sine of a turn that does not count
-MANY = -2  # more than one wall passes the vertex
 
 
 @dataclass(frozen=True)
 class NavMesh:
     """Vertices `xy_m` (V, 2), `triangles` (T, 3) and the triangle beyond each side, `beyond` (T, 3), -1 at a wall.
 
-    `before` and `after` (V,) are the neighbours along the wall, `MANY` where several walls meet; `corner` (V,) tells
-    at which vertices a shortest path may turn. Rows `around[first[v] : first[v + 1]]` are the triangles at vertex v.
+    `before` and `after` (V,) are the neighbours along the wall; `corner` (V,) tells at which vertices a shortest path
+    may turn. Where walls touch in a point there is a vertex for each side, for there is no way between them. Rows
+    `around[first[v] : first[v + 1]]` are the triangles at vertex v.
     """
 
     xy_m: Array
@@ -49,6 +49,7 @@ def build_nav_mesh(grown: GrownWorld) -> NavMesh:
     xy, walls = _outlines(grown)
     triangles = _triangulated(xy, walls) if len(xy) else np.empty((0, 3), dtype=np.int64)
     beyond = _beyond(triangles, len(xy))
+    xy, triangles = _parted(xy, triangles, beyond)
     before, after = _walls(triangles, beyond, len(xy))
     first, around = rows_of(triangles, len(xy))
     return NavMesh(
@@ -114,12 +115,29 @@ def _beyond(triangles: Ints, vertices: int) -> Ints:
     return np.where(key[there] == turned, there // 3, -1).reshape(-1, 3)
 
 
+def _parted(xy: Array, triangles: Ints, beyond: Ints) -> tuple[Array, Ints]:
+    """A vertex of its own for each fan of triangles round a point where walls touch."""
+    walls = np.bincount(triangles[beyond < 0], minlength=len(xy))
+    triangles = triangles.copy()
+    added: list[Array] = []
+    for v in np.flatnonzero(walls > 1).tolist():
+        left = set(np.flatnonzero((triangles == v).any(axis=1)).tolist())
+        for fan in range(int(walls[v])):
+            reached, number = [left.pop()], v if fan == 0 else len(xy) + len(added)
+            for t in reached:
+                joined = left.intersection(beyond[t].tolist())
+                left -= joined
+                reached += sorted(joined)
+            triangles[reached] = np.where(triangles[reached] == v, number, triangles[reached])
+            if fan:
+                added.append(xy[v])
+    return np.concatenate([xy, np.array(added).reshape(-1, 2)]), triangles
+
+
 def _walls(triangles: Ints, beyond: Ints, vertices: int) -> tuple[Ints, Ints]:
     start, end = triangles[beyond < 0], np.roll(triangles, -1, axis=1)[beyond < 0]
     before, after = np.full(vertices, -1, dtype=np.int64), np.full(vertices, -1, dtype=np.int64)
     after[start], before[end] = end, start
-    several = np.bincount(start, minlength=vertices) > 1
-    before[several] = after[several] = MANY
     return before, after
 
 
@@ -128,4 +146,4 @@ def _corners(xy: Array, before: Ints, after: Ints) -> NDArray[np.bool_]:
     into, out = xy - xy[before], xy[after] - xy
     turn = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
     flat = _FLAT * np.hypot(*into.T) * np.hypot(*out.T)
-    return np.asarray((before == MANY) | ((before >= 0) & (turn <= flat)))
+    return np.asarray((before >= 0) & (turn <= flat))
