@@ -32,13 +32,14 @@ from sandwich_sitl.channels.flow import turned_back, turned_world
 from sandwich_sitl.channels.quality import measure
 from sandwich_sitl.channels.stations import lay_stations
 from sandwich_sitl.channels.stretches import Sound, without_folds
-from sandwich_sitl.channels.untangle import Untangled, untangle
+from sandwich_sitl.channels.untangle import untangle
 from sandwich_sitl.world.grow import GrownWorld
 
 Array = NDArray[np.float64]
 
 LEAST_SINE = 0.01  # of a corner's angle: 0.6 degrees
-_TOLERANCE = 1e-3  # of a cell: residual at which the grid equations count as solved
+SOLVED = 2e-3  # of a cell: residual up to which a node counts as on the solution; the rest count as repaired
+_TOLERANCE = 1e-3  # of a cell: largest component of a residual at which cycles end
 _THREADS = 2
 _BLOCK = 4  # intervals across a channel come in multiples of this, those along it of twice this: multigrid halves them
 _THIN = 0.04  # of a cell: a pocket that is nowhere twice as wide, and no passage, is left out
@@ -183,22 +184,21 @@ def _mapped_channel(bottom: Array, top: Array, name: str, cell_m: float, min_row
     solved = solve_elliptic(start, _TOLERANCE * cell_m)
     mended = untangle(solved.xy_m, LEAST_SINE)
     sound = without_folds(mended.xy_m, name, cell_m)
-    return _Channel(sound, int(mended.repaired[sound.gridded].sum()), _residual_beside(mended))
+    left = np.where(mended.moved, 0.0, residual(mended.xy_m))
+    unsettled = left > SOLVED * cell_m
+    repaired = mended.repaired | _cells_round(unsettled)
+    return _Channel(sound, int(repaired[sound.gridded].sum()), float(left[~unsettled].max()))
+
+
+def _cells_round(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells (m_phi - 1, m_j - 1) with one of the nodes (m_phi, m_j)."""
+    return np.asarray(nodes[1:, 1:] | nodes[1:, :-1] | nodes[:-1, 1:] | nodes[:-1, :-1])
 
 
 def _rows(bottom: Array, top: Array, cell_m: float, min_rows: int) -> int:
     """m_j: nodes across a channel, for cells of about `cell_m` where it has its median width."""
     width = float(np.median(np.hypot(*(top - bottom).T)))
     return _rounded(max(min_rows - 1, int(np.ceil(width / cell_m))), _BLOCK) + 1
-
-
-def _residual_beside(grid: Untangled) -> float:
-    """Largest residual at interior nodes none of whose four cells was repaired."""
-    repaired = grid.repaired
-    touched = np.ones(grid.xy_m.shape[:2], dtype=bool)
-    touched[1:-1, 1:-1] = repaired[1:, 1:] | repaired[1:, :-1] | repaired[:-1, 1:] | repaired[:-1, :-1]
-    values = residual(grid.xy_m)[~touched]
-    return float(values.max()) if values.size else 0.0
 
 
 def _joined_lids(

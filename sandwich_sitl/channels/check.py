@@ -32,7 +32,7 @@ class MapCheck:
 
     folded_cells: int
     blocked: int  # stretches of channels and quads of bays that meet the interior of a grown obstacle
-    doubled_share: float  # area that channels cover twice, over the free area
+    doubled_share: float  # area that channels cover twice, or mapped beyond the free area, over the latter
     coverage: float  # mapped over free area
     unshared_nodes: int  # nodes of free streamlines or lids that are not the same point on both sides
     stray_nodes: int  # barred nodes that lie off every wall
@@ -70,7 +70,7 @@ def examine(channel_map: ChannelMap) -> MapCheck:
     return MapCheck(
         folded_cells=int((quad_sines(corners) <= 0).any(axis=1).sum()),
         blocked=_blocked(channel_map, tolerance),
-        doubled_share=_doubled(channel_map) / free if free > 0 else 0.0,
+        doubled_share=max(_doubled(channel_map), area - free) / free if free > 0 else 0.0,
         coverage=area / free if free > 0 else 1.0,
         unshared_nodes=_unshared(channel_map),
         stray_nodes=_stray(channel_map, tolerance),
