@@ -67,12 +67,18 @@ def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal:
     return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
 
 
+def in_its_class(map_graph: MapGraph, mesh: NavMesh, route: Route) -> Array | None:
+    """An A* path pulled tight: the shortest path (n, 2) that passes every obstacle on the same hand."""
+    nodes = np.array([map_graph.node[b][i, j] for b, i, j in route.places.tolist()], dtype=np.int64)
+    return pulled_tight(mesh, inner_line(map_graph, route.points_m[0], nodes, route.points_m[-1]))
+
+
 def shortened(map_graph: MapGraph, mesh: NavMesh, route: Route, kind: RouteKind, cell_m: float) -> Route:
     """The tight or exact route made from an A* path; its places are `cell_m` apart."""
     start, goal = route.points_m[0], route.points_m[-1]
-    nodes = [map_graph.node[b][i, j] for b, i, j in route.places.tolist()]
-    in_class = pulled_tight(mesh, inner_line(map_graph, start, np.array(nodes, dtype=np.int64), goal))
-    found = shortest_path(mesh, start, goal, in_class, MOST_CONES if kind == "tight" else None)
+    found = shortest_path(
+        mesh, start, goal, in_its_class(map_graph, mesh, route), MOST_CONES if kind == "tight" else None
+    )
     if found is None or found.length_m > path_length(route.points_m):
         return route
     return Route(found.points_m, _places_along(map_graph, found.points_m, cell_m), found.proven)
@@ -81,12 +87,8 @@ def shortened(map_graph: MapGraph, mesh: NavMesh, route: Route, kind: RouteKind,
 def _places_along(map_graph: MapGraph, points: Array, spacing_m: float) -> NDArray[np.int64]:
     """Places (k, 3) of the nodes nearest to samples of a line (n, 2), no two in a row the same."""
     samples = along_arc(points, max(2, int(np.ceil(path_length(points) / spacing_m)) + 1))[1:-1]
-    nodes = []
-    for sample in samples:
-        corners = map_graph.quads[map_graph.cells.holding(sample, _HAIR_M)].ravel()
-        if corners.size:
-            nodes.append(corners[np.hypot(*(map_graph.graph.xy_m[corners] - sample).T).argmin()])
-    kept = np.array(nodes, dtype=np.int64)
+    cell, corner = map_graph.cells.nearest_corners(np.ascontiguousarray(samples), _HAIR_M).T
+    kept = map_graph.quads[cell[cell >= 0], corner[cell >= 0]]
     return np.asarray(map_graph.place[kept[np.diff(kept, prepend=-1) != 0]])
 
 
