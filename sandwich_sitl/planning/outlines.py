@@ -39,6 +39,13 @@ class Outlines:
         """Whether a polyline (n, 2) stays `distance_m` away from every grown obstacle."""
         return not len(self._filled.query(shapely.LineString(line), predicate="dwithin", distance=distance_m))
 
+    def distance_m(self, line: Array) -> float:
+        """Least distance of a polyline (n, 2) to the grown obstacles, infinite when there are none."""
+        if not self.solids:
+            return float("inf")
+        whole = shapely.LineString(line)
+        return float(whole.distance(self.solids[int(self._filled.nearest(whole))]))
+
     def clearance(self, points: Array, reach_m: float) -> Array:
         """Distance (n,) of points (n, 2) outside to the grown obstacles, `reach_m` where there is nothing nearer."""
         line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])

@@ -3,6 +3,7 @@
 tight route -> smooth curve -> time law -> one position a control period -> regions
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,13 +24,14 @@ from sandwich_sitl.planning.corridor import (
 )
 from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, Reference
 from sandwich_sitl.planning.outlines import Outlines
-from sandwich_sitl.planning.smoothing import smooth_route
+from sandwich_sitl.planning.smoothing import Departure, smooth_route
 from sandwich_sitl.planning.time_law import Limits, climb, fly, least_duration_s
 
 Array = NDArray[np.float64]
 
 _KEPT_MARGIN = 0.8  # of the margin: what smoothing leaves between the curve and the radius-grown obstacles
-_CLIMB_MPS = 1.5
+_CLIMB = Limits(1.5, 0.35, 0.25, 0.2)  # leaving the ground asks for more patience than flying
+_NEARER = 0.9  # of the route's own least clearance: the curve needs some of it
 _CAP_M = 0.05  # spacing of the speeds that clearances allow
 
 
@@ -75,13 +77,14 @@ def timed_reference(config: RunConfig, ground: Ground, route_m: Array) -> tuple[
     return reference, corridor, figures
 
 
-def route_curve(config: RunConfig, ground: Ground, route_m: Array) -> BSpline:
+def route_curve(config: RunConfig, ground: Ground, route_m: Array, departure: Departure | None = None) -> BSpline:
     """The smooth curve along a route; its bends grow with the way the vehicle needs to turn."""
     planner = config.planner
     bending = planner.speed_mps**2 / planner.acceleration_mps2 / 3
-    return smooth_route(
-        without_repeats(route_m), ground.outlines, ground.channel_map.bounds_m, _KEPT_MARGIN * planner.margin_m, bending
-    )
+    route = without_repeats(route_m)
+    # In flight a route begins where the vehicle is, which may be nearer to an obstacle than a route from rest may be.
+    kept = min(_KEPT_MARGIN * planner.margin_m, _NEARER * ground.outlines.distance_m(route))
+    return smooth_route(route, ground.outlines, ground.channel_map.bounds_m, kept, bending, departure)
 
 
 def speed_cap(curve: BSpline, outlines: Outlines, limits: Limits, interval_s: float) -> Array:
@@ -97,8 +100,9 @@ def speed_cap(curve: BSpline, outlines: Outlines, limits: Limits, interval_s: fl
 
 
 def climb_limits(limits: Limits) -> Limits:
-    """The limits on the way up."""
-    return Limits(min(_CLIMB_MPS, limits.speed_mps), limits.acceleration_mps2, limits.jerk_mps3, limits.snap_mps4)
+    """The limits on the way up: gentle ones, or the configured where those are lower."""
+    lower = (min(a, b) for a, b in zip(dataclasses.astuple(_CLIMB), dataclasses.astuple(limits), strict=True))
+    return Limits(*lower)
 
 
 def without_repeats(route_m: Array) -> Array:

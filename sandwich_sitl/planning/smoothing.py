@@ -8,9 +8,9 @@ Bending less costs length: w is lowered until the length is within `_LONGEST` of
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, diags_array
@@ -53,7 +53,7 @@ def smooth_route(
     """
     length = float(np.hypot(*np.diff(route, axis=0).T).sum())
     if not outlines.keeps(route, least_clearance_m):
-        nearest = least_distance_m(route, outlines)
+        nearest = outlines.distance_m(route)
         raise MapError(f"route: passes {nearest:.3f} m from an obstacle grown by the vehicle's radius")
     for knots_m in _KNOTS_M:
         spline = _Spline(length, knots_m)
@@ -166,7 +166,7 @@ def _energies(knots: Array, n: int) -> list[Array]:
     half = np.diff(breaks) / 2
     u = (breaks[:-1, None] + half[:, None] * (1 + nodes)).ravel()
     weight = diags_array((half[:, None] * gauss).ravel())
-    to_control = csr_array(np.eye(n))
+    to_control: Any = csr_array(np.eye(n))
     inner, found = knots, []
     for degree in range(_DEGREE - 1, _DEGREE - 4, -1):
         size = to_control.shape[0]
@@ -188,9 +188,3 @@ def _first_points(knots: Array, start: Array, departure: Departure) -> Array:
     rows = np.array([basis.derivative(order)(0.0)[:4] if order else basis(0.0)[:4] for order in range(4)])
     wanted = np.array([start, departure.tangent, departure.second, departure.third])
     return np.asarray(np.linalg.solve(rows, wanted))
-
-
-def least_distance_m(line: Array, outlines: Outlines) -> float:
-    """Least distance of a polyline (n, 2) to the grown obstacles."""
-    whole = shapely.LineString(line)
-    return min((float(whole.distance(solid)) for solid in outlines.solids), default=np.inf)
