@@ -32,6 +32,7 @@ _CRAWL_MPS = 0.3
 _AROUND = 12  # samples on either side of which a reference's derivatives are taken
 _SHORTEST_STOP_S = 0.2
 _LEVEL_M = 1e-9
+_LEAST_AHEAD = -0.5  # cosine between velocity and route below which the vehicle stops before it turns
 _STOP_GROWTH = 1.05
 
 
@@ -76,7 +77,7 @@ def handover(
     height = float(reference.xyz_m[-1, 2])
     climbing = _climb_left(reference, begin)
     route = np.concatenate([state.r_m[None, :2], new_route[1:]])
-    if len(climbing) == 0 and float(np.hypot(*state.v_mps[:2])) > _CRAWL_MPS:
+    if len(climbing) == 0 and _forwards(state, route):
         timed = _rolling(config, ground, state, route, limits)
         if timed is not None:
             try:
@@ -86,6 +87,13 @@ def handover(
     stop = climbing if len(climbing) else stop_reference(reference, begin, limits).reference.xyz_m
     onward = fly_route(config, ground, _joined(ground, stop[-1, :2], route))
     return _in_corridor(config, ground, np.concatenate([stop, _level(onward.sampled(dt)[1:], height)]))
+
+
+def _forwards(state: State, route: Array) -> bool:
+    """Whether the vehicle moves, and not away from the route."""
+    speed = float(np.hypot(*state.v_mps[:2]))
+    ahead = route[1] - route[0]
+    return speed > _CRAWL_MPS and float(state.v_mps[:2] @ ahead) >= _LEAST_AHEAD * speed * float(np.hypot(*ahead))
 
 
 def fly_route(config: RunConfig, ground: Ground, route: Array) -> TimedCurve:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _DU_M = 0.05
 _DT_S = 0.01
 _ROUNDS = 14
+_CLOSE = 1.002  # an excess this small is left to stretching
 _GAIN = 0.7  # share of an excess that one round takes away
 _FILTER = 1.0  # lengths of the averages in a_max / j_max and j_max / s_max
 
@@ -99,7 +100,7 @@ def fly(curve: BSpline, limits: Limits, cap_mps: Array | None = None, start: tup
             best = cost, worst, progress[0]
         near = _widest(excess, half)
         at_grid = np.interp(grid.u, np.maximum.accumulate(progress[0]), near)
-        if worst <= 1.0:
+        if worst <= _CLOSE:
             break
         lowered = np.clip(lowered * np.maximum(at_grid, 0.9) ** -_GAIN, 0.05, 1.0)
     assert best is not None
