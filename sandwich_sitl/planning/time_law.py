@@ -98,7 +98,7 @@ def fly(curve: BSpline, limits: Limits, cap_mps: Array | None = None, start: tup
         cost = duration + 1e3 * max(0.0, worst - 1.0) if moving else duration * max(1.0, worst)
         if best is None or cost < best[0]:
             best = cost, worst, progress[0]
-        near = _widest(excess, half)
+        near = _average(_widest(np.pad(excess, half, mode="edge"), 2 * half), 2 * half + 1)
         at_grid = np.interp(grid.u, np.maximum.accumulate(progress[0]), near)
         if worst <= _CLOSE:
             break
