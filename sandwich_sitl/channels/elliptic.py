@@ -109,7 +109,7 @@ def _coefficients(x: Array, y: Array, i: int, j: int) -> tuple[float, float, flo
 @njit(cache=True, nogil=True)
 def _mixed(u: Array, i: int, j: int) -> float:
     """u_phipsi."""
-    return (u[i + 1, j + 1] - u[i - 1, j + 1] - u[i + 1, j - 1] + u[i - 1, j - 1]) / 4
+    return float(u[i + 1, j + 1] - u[i - 1, j + 1] - u[i + 1, j - 1] + u[i - 1, j - 1]) / 4
 
 
 @njit(cache=True, nogil=True)

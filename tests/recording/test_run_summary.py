@@ -17,7 +17,8 @@ def test_keys_are_complete_and_json(run_log: RunLog) -> None:
     summary = json.loads(json.dumps(summarise(run_log)))
     assert {"outcome", "seed", "clock", "map", "route", "flight", "mpc", "link"} <= set(summary)
     assert set(summary["map"]) == {
-        "channels", "nodes", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage", "seconds",
+        "channels", "nodes", "bays", "flow", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage",
+        "check", "seconds",
     }  # fmt: skip
     assert set(summary["route"]) == {"sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"}
     assert set(summary["flight"]) == {
@@ -34,7 +35,7 @@ def test_head_map_and_route(run_log: RunLog) -> None:
     assert (summary["outcome"], summary["seed"], summary["clock"]) == ("landed", 7, "lockstep")
     assert summary["map"] == {
         "channels": 2, "nodes": 2 * 41 * 7, "folded_cells": 0, "repaired_cells": 0, "min_jacobian_ratio": 0.71,
-        "coverage": 0.98, "seconds": 0.5,
+        "coverage": 0.98, "seconds": 0.5, "bays": 0, "flow": "x", "check": "passed",
     }  # fmt: skip
     grid_m = 30.0 + 2.0 * 3.0 * math.sqrt(2.0)
     assert summary["route"] == pytest.approx(
@@ -124,6 +125,22 @@ def test_the_terminal_text_names_every_section(run_log: RunLog) -> None:
         "route",
         "flight",
         "mpc",
+        "assurance",
         "link",
     ]
     assert "rms_error_m 0.200" in text
+
+
+def test_the_ladder_is_counted_from_the_log(run_log: RunLog) -> None:
+    """Ticks on each rung, falls, climbs and faults are those of the track."""
+    rung = np.array([0, 0, 1, 1, 0, 1, 2, 2])
+    fault = ("", "", "a", "b", "", "a", "a", "a")
+    control = dataclasses.replace(run_log.control, rung=rung, fault=fault)
+    section = summarise(
+        dataclasses.replace(run_log, control=dataclasses.replace(run_log.control, rung=rung[:0], fault=()))
+    )
+    assert section["assurance"]["fallbacks"] == 0
+    section = summarise(dataclasses.replace(run_log, control=control))
+    assert section["assurance"] == {
+        "plan": 3, "shifted": 3, "brake": 2, "fallbacks": 2, "recoveries": 1, "faults": {"a": 4, "b": 1}
+    }  # fmt: skip
