@@ -32,7 +32,8 @@ FACES = 8
 SPEED_SHARE, SPEED_MORE_MPS = 1.25, 0.05  # the flown speed is at most this share of the reference's and this more
 _STRETCH_M = 1.0
 _HAIR_M = 1e-6
-_REACHES_M = (6.0, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # how far a region may reach from its seed, tried in turn
+REACH_M = 6.0  # how far a region may reach from its seed
+_REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
 _NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
 
 
@@ -152,7 +153,7 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
     near = _same_cells(nodes, points, size)
     chosen = np.flatnonzero(near) if near.any() else np.arange(len(nodes))
     gap, found = cKDTree(nodes[chosen]).query(points)
-    if (gap > size).any():
+    if float(np.max(gap)) > size:
         chosen = np.arange(len(nodes))
         found = cKDTree(nodes).query(points)[1]
     first = np.cumsum([0, *(grid.shape[0] * grid.shape[1] for grid in grids)])

@@ -120,7 +120,7 @@ def stop_reference(reference: Reference, t_s: float, limits: Limits, before_s: f
         duration = min(duration, longest)
         if duration >= left and (before_s is None or before_s >= reference.t_s[-1]):
             return Stop(_tail(reference, begin), True)
-        t = np.arange(int(np.ceil(duration / dt)) + 1) * dt
+        t = np.arange(int(np.ceil(duration / dt)) + 1, dtype=np.float64) * dt
         sigma = begin + _slowing(t, duration)
         at = np.minimum(sigma, reference.t_s[-1])
         xyz = np.asarray(spline(at))
