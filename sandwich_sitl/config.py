@@ -78,6 +78,8 @@ class PlannerConfig:
     ] = "tight"
     speed_mps: Annotated[float, Field(ge=0.1, le=30)] = 3.0
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
+    jerk_mps3: Annotated[float, Field(ge=0.1, le=500)] = 10.0
+    snap_mps4: Annotated[float, Field(ge=0.1, le=5000)] = 60.0
 
 
 @dataclass(frozen=True, config=STRICT)

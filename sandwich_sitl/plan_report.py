@@ -1,6 +1,7 @@
 """The lines that `plan` prints: the map's figures and a table like the paper's Table I, with the exact optimum beside it."""
 
 from sandwich_sitl.planning.baselines import path_length
+from sandwich_sitl.planning.decomposition import areas_m2
 from sandwich_sitl.planning.flight_plan import FlightPlan
 
 
@@ -35,8 +36,31 @@ def plan_report(plan: FlightPlan) -> str:
     proof = ", proven: no path among the grown obstacles is shorter" if plan.route_proven else ""
     lines.append(f"flown     {plan.route_kind} route{proof}")
     lines += ["", f"flight    {plan.reference.t_s[-1]:.1f} s, {len(plan.corridor.polygons_m)} regions"]
+    if plan.flight is not None:
+        flight = plan.flight
+        lines.append(
+            f"          along the route {flight.duration_s:.2f} s, {flight.duration_s / flight.least_duration_s:.3f} times "
+            f"the time-optimal law's; curve {flight.curve_m:.2f} m, {flight.curve_m / flight.route_m:.4f} times the route"
+        )
+    lines += _corridor_lines(plan)
     lines.append("seconds   " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.seconds.items()))
     return "\n".join(lines)
+
+
+def _corridor_lines(plan: FlightPlan) -> list[str]:
+    """Area per step beside the paper's quadrangle and a free-space decomposition, and what was proven."""
+    own, paper, free = areas_m2(plan)
+    lines = [
+        f"corridor  {own:.1f} m2 a step; the paper's quadrangle {paper:.1f}, a free-space decomposition {free:.1f}"
+    ]
+    if plan.proof is not None:
+        proof = plan.proof
+        verdict = "proven free" if proof.proven else f"NOT proven: {proof.problem}"
+        lines.append(
+            f"          {verdict} for {proof.steps} steps; least margin {proof.least_margin_m:.3f} m, "
+            f"{proof.between_samples_m:.3f} m kept for between samples"
+        )
+    return lines
 
 
 def _metres(length: float | None) -> str:

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
+from sandwich_sitl.planning.flight_plan import Corridor, CorridorProof, FlightFigures, FlightPlan, Reference
 
-FORMAT = "sandwich-plan-2"
+FORMAT = "sandwich-plan-3"
 _DATE = (1980, 1, 1, 0, 0, 0)
 _PLAN_ARRAYS = ("obstacle_heights_m", "sandwich_m", "sandwich_phi_psi", "grid_astar_m", "exact_m")
 
@@ -85,6 +85,8 @@ def _header(plan: FlightPlan) -> dict[str, Any]:
         "obstacle_names": plan.obstacle_names,
         "route_kind": plan.route_kind,
         "route_proven": plan.route_proven,
+        "proof": plan.proof and dataclasses.asdict(plan.proof),
+        "flight": plan.flight and dataclasses.asdict(plan.flight),
     }
 
 
@@ -115,6 +117,8 @@ def _plan(arrays: dict[str, NDArray[Any]]) -> FlightPlan:
             polygons_m=_split(arrays, "corridor_polygons"),
             neighbours_m=arrays["corridor_neighbours_m"],
         ),
+        proof=CorridorProof(**header["proof"]) if header["proof"] else None,
+        flight=FlightFigures(**header["flight"]) if header["flight"] else None,
         seconds={},
         route_kind=header.get("route_kind", "sandwich"),
         route_proven=bool(header.get("route_proven", False)),
