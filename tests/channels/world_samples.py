@@ -371,9 +371,7 @@ def sample_world(seed: int) -> SampleWorld:
     cell_m = float(rng.uniform(0.5, 2.0))
     flow: Flow = get_args(Flow)[int(rng.integers(0, 2))]
     world = World(WIDE, tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
-    return SampleWorld(
-        family, seed, grow(world, reach, 0.15 * min(cell_m, 0.6 * reach)), len(shapes), cell_m, flow
-    )
+    return SampleWorld(family, seed, grow(world, reach, 0.15 * min(cell_m, 0.6 * reach)), len(shapes), cell_m, flow)
 
 
 def thousand_obstacles(seed: int) -> SampleWorld:
