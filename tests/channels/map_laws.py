@@ -19,8 +19,8 @@ def map_quads(channel_map: ChannelMap) -> Array:
     """Corners (cells, 4, 2) of all cells, collected node by node."""
     quads = [np.empty((0, 4, 2))]
     for xy, gridded in zip(channel_map.xy_m, channel_map.gridded, strict=True):
-        for i in np.flatnonzero(gridded):
-            quads.append(np.stack([xy[i, :-1], xy[i + 1, :-1], xy[i + 1, 1:], xy[i, 1:]], axis=1))
+        columns = np.flatnonzero(gridded)
+        quads += [np.stack([xy[i, :-1], xy[i + 1, :-1], xy[i + 1, 1:], xy[i, 1:]], axis=1) for i in columns]
     quads += [bay.xy_m[bay.quads] for bay in channel_map.bays]
     return np.concatenate(quads)
 

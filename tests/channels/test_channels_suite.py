@@ -16,7 +16,7 @@ from sandwich_sitl.channels.check import examine
 WORLDS = 1000
 CROWDED_WORLDS = 3
 LOOKED_UP = 15  # points a world
-FULL_LAWS_EVERY = 12  # worlds; the independent measurement costs more than the map
+FULL_LAWS_EVERY = 30  # worlds; the independent measurement costs more than the map
 RESIDUAL = 1.5e-3  # of a cell
 
 
