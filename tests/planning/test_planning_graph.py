@@ -16,8 +16,8 @@ from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import path_length
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, cell_nodes, links, locate
-from sandwich_sitl.planning.plan import find_route
+from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
+from sandwich_sitl.planning.routes import find_route
 
 HAIR_M = 1e-7
 FAMILIES = ["mixed", "horseshoes", "spirals", "combs", "nested", "border_walls", "gaps", "split", "none"]
@@ -121,10 +121,11 @@ def test_edges_are_the_sides_and_diagonals_of_the_cells() -> None:
         for j in range(xy.shape[1] - 1)
     ]
     cells += [(channel_map.channels + b, q, 0) for b, bay in enumerate(channel_map.bays) for q in range(len(bay.quads))]
+    assert sorted(map(tuple, map_graph.cell_place.tolist())) == sorted(cells)
     for cell in cells:
-        nodes = cell_nodes(map_graph, channel_map, cell)
-        assert len(nodes) == 4
-        expected |= {(min(pair), max(pair)) for pair in itertools.combinations(nodes, 2)}
+        expected |= {
+            (min(pair), max(pair)) for pair in itertools.combinations(corner_nodes(channel_map, map_graph, cell), 2)
+        }
     graph = map_graph.graph
     start = np.repeat(np.arange(len(graph.xy_m)), np.diff(graph.first))
     found = {(a, b) for a, b in zip(start.tolist(), graph.neighbour.tolist(), strict=True) if a < b}
@@ -132,28 +133,36 @@ def test_edges_are_the_sides_and_diagonals_of_the_cells() -> None:
     assert len(graph.neighbour) == 2 * len(expected)
 
 
+def corner_nodes(channel_map: ChannelMap, map_graph: MapGraph, cell: tuple[int, int, int]) -> list[int]:
+    """Numbers of the four corners of a cell."""
+    b, i, j = cell
+    if b < channel_map.channels:
+        return [int(map_graph.node[b][m, n]) for m in (i, i + 1) for n in (j, j + 1)]
+    return map_graph.node[b][channel_map.bays[b - channel_map.channels].quads[i], 0].tolist()
+
+
 def test_links_are_straight_lines_to_the_corners_of_the_cells_that_hold_the_point() -> None:
     channel_map, map_graph = rooms()
     for point in free_points(channel_map, 40, 2):
-        found = links(map_graph, channel_map, point)
-        expected = {n for cell in locate(channel_map, point) for n in cell_nodes(map_graph, channel_map, cell)}
+        found = links(map_graph, point)
+        expected = {n for cell in locate(map_graph, point) for n in corner_nodes(channel_map, map_graph, cell)}
         assert {node for node, _ in found} == expected
         for node, length in found:
             assert length == pytest.approx(float(np.hypot(*(map_graph.graph.xy_m[node] - point))))
 
 
 def test_point_on_a_shared_edge_lies_in_both_cells_and_one_on_a_node_in_all() -> None:
-    channel_map, _ = rooms()
+    channel_map, map_graph = rooms()
     xy = channel_map.xy_m[1]
-    assert len(locate(channel_map, (xy[4, 2] + xy[5, 2]) / 2)) == 2
-    assert len(locate(channel_map, xy[4, 2])) == 4
+    assert len(locate(map_graph, (xy[4, 2] + xy[5, 2]) / 2)) == 2
+    assert len(locate(map_graph, xy[4, 2])) == 4
 
 
 def test_points_inside_obstacles_and_outside_the_world_lie_in_no_cell() -> None:
-    channel_map, _ = rooms()
+    channel_map, map_graph = rooms()
     inside = [np.array(polygon.representative_point().coords[0]) for polygon in channel_map.grown.polygons]
     for point in [*inside, np.array([-1.0, 20.0]), np.array([81.0, 20.0]), np.array([40.0, 50.5])]:
-        assert locate(channel_map, point) == []
+        assert locate(map_graph, point) == []
 
 
 def test_bilinear_inverse_finds_known_places() -> None:

@@ -14,8 +14,9 @@ from sandwich_sitl.config import PlannerConfig, RunConfig, WorldConfig, load_con
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_length
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import build_map_graph, links
-from sandwich_sitl.planning.plan import find_route, plan_flight
+from sandwich_sitl.planning.map_graph import build_map_graph, distances, links
+from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.planning.routes import find_route
 from sandwich_sitl.planning.search import Graph, astar
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.load import load_world
@@ -70,7 +71,7 @@ def test_route_on_the_map_is_as_short_as_dijkstra(name: str) -> None:
     for start, goal in zip(points[:4], points[4:], strict=True):
         rows, columns, lengths = [], [], []
         for end, point in ((n, start), (n + 1, goal)):
-            for node, length in links(map_graph, channel_map, point):
+            for node, length in links(map_graph, point):
                 rows.append(end)
                 columns.append(node)
                 lengths.append(length)
@@ -106,6 +107,47 @@ def test_route_on_the_uniform_grid_is_as_short_as_dijkstra() -> None:
     # Start and goal may also join their neighbours' neighbours directly, which can only shorten the path.
     assert path_length(found) <= expected + 1e-9
     assert path_length(found) >= 0.9 * expected
+
+
+@pytest.mark.parametrize("name", ["paper", "city"])
+def test_index_finds_the_cells_that_a_look_at_every_cell_finds(name: str) -> None:
+    grown = shipped(name)
+    map_graph = build_map_graph(build_channel_map(grown, 2.0, 5))
+    corners = map_graph.graph.xy_m[map_graph.quads]
+    shapes = shapely.polygons(corners)
+    x_min, y_min, x_max, y_max = grown.bounds_m
+    inner = np.random.default_rng(4).uniform((x_min, y_min), (x_max, y_max), (200, 2))
+    for point in np.concatenate([inner, corners[::50, 0], (corners[::50, 0] + corners[::50, 1]) / 2]):
+        found = map_graph.cells.holding(point, 1e-7)
+        distance = shapely.distance(shapes, shapely.Point(point))
+        assert set(np.flatnonzero(distance < 1e-10)) <= set(found) <= set(np.flatnonzero(distance < 1e-5))
+
+
+def test_graph_of_quads_is_the_graph_of_their_sides_and_diagonals() -> None:
+    map_graph = build_map_graph(build_channel_map(shipped("city"), 3.0, 5))
+    quads, graph = map_graph.quads, map_graph.graph
+    edges = np.concatenate([quads[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))])
+    other = Graph.from_edges(graph.xy_m, edges)
+    np.testing.assert_array_equal(graph.first, other.first)
+    for a in range(len(graph.xy_m)):
+        row = slice(graph.first[a], graph.first[a + 1])
+        order = np.argsort(graph.neighbour[row])
+        np.testing.assert_array_equal(graph.neighbour[row][order], other.neighbour[row])
+        np.testing.assert_allclose(graph.length_m[row][order], other.length_m[row], rtol=1e-12)
+
+
+def test_one_search_to_many_goals_is_as_good_as_one_each() -> None:
+    grown = shipped("city")
+    map_graph = build_map_graph(build_channel_map(grown, 2.0, 5))
+    points = random_free_points(grown, 30, 11)
+    start, goals = points[0], np.concatenate([points[1:], points[:1], grown.polygons[0].centroid.coords])
+    found = distances(map_graph, start, goals)
+    for goal, length in zip(goals[:-2], found, strict=False):
+        path = astar(map_graph.graph, links(map_graph, start), goal, links(map_graph, goal))
+        assert path is not None
+        assert length == pytest.approx(path.length_m, rel=1e-12)
+    assert found[-2] == 0.0
+    assert found[-1] == np.inf
 
 
 def test_shortest_path_round_one_square_by_hand() -> None:
