@@ -23,6 +23,7 @@ _DU_M = 0.05
 _DT_S = 0.01
 _ROUNDS = 14
 _CLOSE = 1.002  # an excess this small is left to stretching
+_TOLERATED = 1.01  # of a law that cannot be stretched
 _GAIN = 0.7  # share of an excess that one round takes away
 _LAST = 4  # samples of a last, short average: steps of snap would make the spline through the samples ring
 _FILTER = 1.0  # lengths of the averages in a_max / j_max and j_max / s_max
@@ -106,7 +107,7 @@ def fly(curve: BSpline, limits: Limits, cap_mps: Array | None = None, start: tup
         lowered = np.clip(lowered * np.maximum(at_grid, 0.9) ** -_GAIN, 0.05, 1.0)
     assert best is not None
     _, worst, u = best
-    if moving and worst > 1.02:
+    if moving and worst > _TOLERATED:
         return None
     stretch = 1.0 if moving else max(1.0, worst)
     t = np.arange(len(u), dtype=np.float64) * _DT_S * stretch
