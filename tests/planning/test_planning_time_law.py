@@ -45,7 +45,9 @@ any_steps = st.lists(st.tuples(st.floats(2, 12), st.floats(-8, 8)), min_size=2, 
 @given(steps=any_steps, limits=any_limits)
 def test_all_four_limits_hold_by_differentiation(steps: list[tuple[float, float]], limits: Limits) -> None:
     route = random_route(steps)
-    curve = smooth_route(route, Outlines([], 0.4), (0, 0, 200, 200), 0.3, limits.speed_mps**2 / limits.acceleration_mps2 / 3)
+    curve = smooth_route(
+        route, Outlines([], 0.4), (0, 0, 200, 200), 0.3, limits.speed_mps**2 / limits.acceleration_mps2 / 3
+    )
     timed = law(curve, limits)
     points = timed.sampled(DT_S)
     np.testing.assert_allclose(points[[0, -1]], route[[0, -1]], atol=1e-6)
