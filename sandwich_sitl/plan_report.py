@@ -15,16 +15,26 @@ def plan_report(plan: FlightPlan) -> str:
         f"          least corner sine {quality.min_jacobian_ratio:.3f}, mean angle error "
         f"{quality.mean_angle_error_deg:.1f} deg, edges {quality.median_edge_m:.2f} m, coverage {quality.coverage:.5f}",
         "",
-        "          existing A*   Sandwich A*   exact shortest path",
+        "          existing A*   Sandwich A*   tight route   exact shortest path",
     ]
     regular = path_length(plan.grid_astar_m) if len(plan.grid_astar_m) else None
+    tight = path_length(plan.tight_m) if len(plan.tight_m) else None
     exact = path_length(plan.exact_m) if len(plan.exact_m) else None
-    lines.append(f"length    {_metres(regular):>11}   {_metres(sandwich):>11}   {_metres(exact):>19}")
+    lines.append(
+        f"length    {_metres(regular):>11}   {_metres(sandwich):>11}   {_metres(tight):>11}   {_metres(exact):>19}"
+    )
     if exact:
-        over = [f"{100 * (length / exact - 1):+.2f} %" if length else "-" for length in (regular, sandwich, exact)]
-        lines.append(f"over it   {over[0]:>11}   {over[1]:>11}   {over[2]:>19}")
+        over = [
+            f"{100 * (length / exact - 1):+.2f} %" if length else "-" for length in (regular, sandwich, tight, exact)
+        ]
+        lines.append(f"over it   {over[0]:>11}   {over[1]:>11}   {over[2]:>11}   {over[3]:>19}")
     if regular:
-        lines.append(f"reduction {100 * (1 - sandwich / regular):.2f} % of the existing A*'s length")
+        lines.append(
+            f"reduction {100 * (1 - sandwich / regular):.2f} % of the existing A*'s length, "
+            f"{100 * (regular / sandwich - 1):.2f} % of the Sandwich A*'s"
+        )
+    proof = ", proven: no path among the grown obstacles is shorter" if plan.route_proven else ""
+    lines.append(f"flown     {plan.route_kind} route{proof}")
     lines += ["", f"flight    {plan.reference.t_s[-1]:.1f} s, {len(plan.corridor.polygons_m)} regions"]
     if plan.flight is not None:
         flight = plan.flight
@@ -54,4 +64,4 @@ def _corridor_lines(plan: FlightPlan) -> list[str]:
 
 
 def _metres(length: float | None) -> str:
-    return "no path" if length is None else f"{length:.2f} m"
+    return "-" if length is None else f"{length:.2f} m"

@@ -90,6 +90,14 @@ class FlightPlan:
     exact_m: Array  # (N, 2) exact shortest path
     reference: Reference
     corridor: Corridor
+    route_kind: str = "sandwich"  # which route is flown: sandwich, tight or exact
+    route_proven: bool = False  # no path among the grown obstacles is shorter than the flown route
+    tight_m: Array = field(default_factory=lambda: np.empty((0, 2)))  # (N, 2) the flown route when it is not sandwich_m
     proof: CorridorProof | None = None  # None in plans that were made without one
     flight: FlightFigures | None = None  # None in paper mode
     seconds: dict[str, float] = field(default_factory=dict)  # wall time of each stage; never part of a payload
+
+    @property
+    def route_m(self) -> Array:
+        """The flown route (N, 2)."""
+        return self.sandwich_m if self.route_kind == "sandwich" else self.tight_m

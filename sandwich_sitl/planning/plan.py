@@ -1,10 +1,9 @@
 """`plan_flight`: world and configuration in, `FlightPlan` out (paper, sections III and IV).
 
-grow -> channel map -> A* route -> time law -> reference and corridor, with the two baselines beside it
+grow -> channel map -> A* route, pulled tight -> time law -> reference and corridor, with the two baselines beside it
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -17,14 +16,16 @@ from sandwich_sitl.channels.check import check_map
 from sandwich_sitl.channels.flow import flow_along
 from sandwich_sitl.channels.map_file import map_key
 from sandwich_sitl.config import RunConfig
-from sandwich_sitl.errors import InputError, MapError, NoRouteError
-from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_points
+from sandwich_sitl.errors import InputError, MapError
+from sandwich_sitl.planning.baselines import grid_astar
 from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, FlightPlan, Reference
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links
+from sandwich_sitl.planning.map_graph import build_map_graph
+from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.proof import prove_corridor
 from sandwich_sitl.planning.reference import ground_of, paper_reference, timed_reference
-from sandwich_sitl.planning.search import Graph, astar
+from sandwich_sitl.planning.routes import find_route, shortened
+from sandwich_sitl.planning.shortest import shortest_path
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.world import World
 
@@ -32,15 +33,6 @@ Array = NDArray[np.float64]
 
 _DETAIL = 0.15  # of a cell and of the margin: outline details below this are smoothed outwards
 _MOST_NODES = 2_000_000
-_HAIR_M = 1e-6
-
-
-@dataclass(frozen=True)
-class Route:
-    """A* path on the mapped grid: points (n, 2) with start and goal, and the grid places (n - 2, 3) between them."""
-
-    points_m: Array
-    places: NDArray[np.int64]
 
 
 class Maps(Protocol):
@@ -72,11 +64,14 @@ def plan_flight(
     on_stage("route")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
     map_graph = build_map_graph(channel_map)
-    route = find_route(channel_map, map_graph, start, goal)
+    sandwich = find_route(channel_map, map_graph, start, goal)
+    mesh = build_nav_mesh(grown)
+    kind = "sandwich" if config.mode == "paper" else planner.route
+    route = sandwich if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind, planner.cell_m)
     on_stage("baselines")
     free = FreeSpace(grown.rings_m(), grown.bounds_m)
     regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
-    exact = exact_shortest_path(free, grown.rings_m(), start, goal)
+    exact = shortest_path(mesh, start, goal, route.points_m)
     on_stage("reference and corridor")
     reference, corridor, flight = _reference(config, channel_map, route.points_m, world)
     obstacles_m = tuple(_ring(o.polygon) for o in world.obstacles)
@@ -97,12 +92,15 @@ def plan_flight(
         ),
         grown_m=grown.rings_m(),
         channel_map=channel_map,
-        sandwich_m=route.points_m,
-        sandwich_phi_psi=_planning_space(channel_map, route.places),
+        sandwich_m=sandwich.points_m,
+        sandwich_phi_psi=_planning_space(channel_map, sandwich.places),
         grid_astar_m=np.empty((0, 2)) if regular is None else regular,
-        exact_m=np.empty((0, 2)) if exact is None else exact,
+        exact_m=np.empty((0, 2)) if exact is None else exact.points_m,
         reference=reference,
         corridor=corridor,
+        route_kind=kind,
+        route_proven=route.proven,
+        tight_m=np.empty((0, 2)) if kind == "sandwich" else route.points_m,
         proof=proof,
         flight=flight,
     )
@@ -146,30 +144,6 @@ def _kept_map(config: RunConfig, grown: GrownWorld, flow: Flow, maps: Maps | Non
     return channel_map
 
 
-def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array) -> Route:
-    """A* from start to goal (2,), anywhere in mapped ground.
-
-    Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are
-    not connected.
-    """
-    start_links, goal_links = links(map_graph, channel_map, start), links(map_graph, channel_map, goal)
-    for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
-        if not found:
-            raise InputError(
-                f"{key}: ({point[0]:g}, {point[1]:g}) lies in {_lost_ground(channel_map, point)}; move it out"
-            )
-    graph = map_graph.graph
-    path = astar(graph, start_links, goal, goal_links)
-    if path is None:
-        reached = graph.reachable([node for node, _ in start_links])
-        barrier = _barrier_between(graph, reached, channel_map.grown)
-        raise NoRouteError(
-            f"no route from start_m to goal_m: {barrier} is in the way; "
-            "move start_m or goal_m, or reduce planner.margin_m"
-        )
-    return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
-
-
 def check_size(config: RunConfig, world: World) -> None:
     """Raise `InputError` when the world at this cell size has more nodes than fit in memory and patience."""
     x_min, y_min, x_max, y_max = world.bounds_m
@@ -195,24 +169,6 @@ def check_ends(config: RunConfig, grown: GrownWorld) -> None:
                 f"{key}: ({x:g}, {y:g}) lies inside obstacle '{blocker}' grown by {reach:g} m "
                 "(planner.vehicle_radius_m + planner.margin_m), or in ground that it encloses; move it out"
             )
-
-
-def _lost_ground(channel_map: ChannelMap, point: Array) -> str:
-    """Name of the ground left out of the map that holds a point."""
-    for lost in channel_map.lost:
-        if shapely.Polygon(lost.ring_m).buffer(_HAIR_M).contains(shapely.Point(point)):
-            return f"{lost.name}, a sliver that the map leaves out"
-    return "a sliver that the map leaves out"
-
-
-def _barrier_between(graph: Graph, reached: NDArray[np.bool_], grown: GrownWorld) -> str:
-    """Name of the obstacle nearest to both reached and unreached ground."""
-    there = ~np.isnan(graph.xy_m[:, 0])
-    sides = [shapely.MultiPoint(graph.xy_m[there & part]) for part in (reached, ~reached)]
-    if not grown.polygons:
-        return "the border of the world"
-    apart = [max(polygon.distance(side) for side in sides) for polygon in grown.polygons]
-    return f"obstacle '{grown.names[int(np.argmin(apart))]}'"
 
 
 def _planning_space(channel_map: ChannelMap, places: NDArray[np.int64]) -> Array:
