@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _DU_M = 0.05
 _DT_S = 0.01
 _ROUNDS = 14
+_ARRIVED_M = 1e-9
 _CLOSE = 1.002  # an excess this small is left to stretching
 _TOLERATED = 1.01  # of a law that cannot be stretched
 _GAIN = 0.7  # share of an excess that one round takes away
@@ -264,4 +265,6 @@ def climb(height_m: float, limits: Limits, dt_s: float) -> Array:
     line = make_interp_spline(np.linspace(0.0, height_m, 8), np.linspace(0.0, height_m, 8)[:, None], k=5)
     timed = fly(line, limits)
     assert timed is not None
-    return timed.sampled(dt_s)[:, 0]
+    z = timed.sampled(dt_s)[:, 0]
+    moving = int(np.count_nonzero(z < height_m - _ARRIVED_M))
+    return np.append(z[:moving], height_m)
