@@ -132,8 +132,9 @@ def check_reachability(channel_map: ChannelMap, map_graph: MapGraph) -> None:
 
 def check_lookup(channel_map: ChannelMap, points: Array) -> None:
     """Law 6: every free point that is not lost lies in a cell, and the inverse of the cell's map gives it back."""
+    map_graph = build_map_graph(channel_map)
     for point in points:
-        found = locate(channel_map, point)
+        found = locate(map_graph, point)
         assert found, point
         for b, i, j in found:
             if b < channel_map.channels:
