@@ -16,15 +16,18 @@ from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.channels.update import update_map
 from sandwich_sitl.config import load_config
+from sandwich_sitl.plan_report import plan_report
 from sandwich_sitl.planning.baselines import exact_shortest_path, path_length
 from sandwich_sitl.planning.cell_chain import inner_line
 from sandwich_sitl.planning.free_space import FreeSpace
 from sandwich_sitl.planning.funnel import pulled_tight
 from sandwich_sitl.planning.map_graph import build_map_graph, links
 from sandwich_sitl.planning.nav_mesh import build_nav_mesh
+from sandwich_sitl.planning.plan import plan_flight
 from sandwich_sitl.planning.routes import find_route, shortened
 from sandwich_sitl.planning.search import astar
 from sandwich_sitl.planning.shortest import shortest_path
+from sandwich_sitl.recording.plan_file import plan_bytes, plan_from_bytes
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.load import load_world
 from sandwich_sitl.world.world import Obstacle, World
@@ -219,3 +222,22 @@ def test_tight_routes_are_close_to_the_shortest(name: str) -> None:
     assert np.percentile(ratios, 95) <= 1.005
     assert max(ratios) <= 1.01
     assert np.mean(np.array(ratios) < 1 + 1e-9) >= 0.95
+
+
+@pytest.mark.parametrize("kind", ["sandwich", "tight", "exact"])
+def test_plan_flies_the_route_that_is_asked_for_and_keeps_it_in_its_file(kind: str) -> None:
+    path = CONFIGS / "single.yaml"
+    config = load_config(path, {"planner.route": kind})
+    plan = plan_flight(config, load_world(config.world, path), lambda _: None)
+    assert plan.route_kind == kind
+    if kind == "sandwich":
+        assert plan.tight_m.shape == (0, 2)
+        assert plan.route_m is plan.sandwich_m
+    else:
+        assert plan.route_proven
+        assert path_length(plan.route_m) == pytest.approx(path_length(plan.exact_m), rel=1e-9)
+        assert path_length(plan.route_m) < path_length(plan.sandwich_m)
+    assert f"flown     {kind} route" in plan_report(plan)
+    again = plan_from_bytes(plan_bytes(plan))
+    assert (again.route_kind, again.route_proven) == (plan.route_kind, plan.route_proven)
+    np.testing.assert_array_equal(again.tight_m, plan.tight_m)
