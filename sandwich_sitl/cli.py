@@ -1,4 +1,4 @@
-"""`sandwich-sitl`: run, plan, offboard, replay, world, config.
+"""`sandwich-sitl`: run, plan, offboard, replay, world, bench, config.
 
 Exit status: 0 done; 1 safety violation or a failed viewer; 2 bad input; 3 no route; 4 map refused; 5 vehicle lost; 6
 mission not flown as planned; 130 interrupted.
@@ -20,6 +20,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import yaml  # noqa: E402
 from pydantic import TypeAdapter, ValidationError  # noqa: E402
 
+from sandwich_sitl.bench.command import add_bench  # noqa: E402
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config  # noqa: E402
 from sandwich_sitl.errors import InputError, SandwichError  # noqa: E402
 from sandwich_sitl.yaml_document import dotted, first_problem, is_run_file, put  # noqa: E402
@@ -69,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         help="an import option, as gap_m=1.5; of a run's YAML any key",
     )
     world.set_defaults(action=_world)
+    add_bench(commands)
     config = commands.add_parser("config", help="check a configuration, or print the JSON Schema")
     config.add_argument(
         "config", type=Path, nargs="?", metavar="CONFIG", help="check it and print it with its defaults"

@@ -1,0 +1,1 @@
+"""Measurements of parts of the program, each a subcommand of `sandwich-sitl bench`."""
