@@ -65,6 +65,9 @@ class PlannerConfig:
     flow: Annotated[
         Literal["auto", "x", "y"], Field(description="axis the channels run along; auto: that of the longer leg")
     ] = "auto"
+    keep_map: Annotated[
+        bool, Field(description="keep the map in the user's cache for the next run of the same world")
+    ] = True
     min_rows: Annotated[int, Field(ge=3, description="least number of nodes across a channel")] = 5
     speed_mps: Annotated[float, Field(ge=0.1, le=30)] = 3.0
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0

@@ -21,6 +21,7 @@ from typing import Any
 
 from sandwich_sitl.config import RunConfig, config_as_dict, located
 from sandwich_sitl.errors import InputError, LinkError
+from sandwich_sitl.map_store import MapStore
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.plan import check_ends, plan_flight
 from sandwich_sitl.progress import Progress
@@ -95,7 +96,7 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
         progress.stage(name)
 
     try:
-        plan = plan_flight(config, imported.world, on_stage)
+        plan = plan_flight(config, imported.world, on_stage, MapStore() if config.planner.keep_map else None)
     except InputError as error:
         raise InputError(located(config, config_path, str(error))) from error
     if plan.channel_map.lost:

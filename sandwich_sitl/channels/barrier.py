@@ -6,6 +6,7 @@ face leans, the streamline runs level between the tip and the extreme x. A barri
 tip there: its walls begin or end at the border, apart from each other.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,17 @@ Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
 _STEEP = np.tan(np.radians(75.0))  # |dy/dx| from which an edge counts to a face
+
+
+Pick = Callable[[Array], int]
+
+
+def _lowest(y: Array) -> int:
+    return int(np.argmin(y))
+
+
+def _highest(y: Array) -> int:
+    return int(np.argmax(y))
 
 
 @dataclass(frozen=True)
@@ -58,38 +70,38 @@ class Barrier:
 
     def lower(self) -> Array:
         """Underside (V, 2), left to right, between the lowest points of the two extreme x."""
-        return _chain(self.ring_m, _at(self.ring_m, self.x_min, np.argmin), _at(self.ring_m, self.x_max, np.argmin))
+        return _chain(self.ring_m, _at(self.ring_m, self.x_min, _lowest), _at(self.ring_m, self.x_max, _lowest))
 
     def upper(self) -> Array:
         """Upper side (V, 2), left to right, between the highest points of the two extreme x."""
-        right, left = _at(self.ring_m, self.x_max, np.argmax), _at(self.ring_m, self.x_min, np.argmax)
+        right, left = _at(self.ring_m, self.x_max, _highest), _at(self.ring_m, self.x_min, _highest)
         return _chain(self.ring_m, right, left)[::-1]
 
     def left_face(self) -> Array:
         """The steep run (F, 2) round the leftmost vertices, bottom to top."""
         ring = self.ring_m
-        return _face(ring[::-1], len(ring) - 1 - _at(ring, self.x_min, np.argmin))
+        return _face(ring[::-1], len(ring) - 1 - _at(ring, self.x_min, _lowest))
 
     def right_face(self) -> Array:
         """The steep run (F, 2) round the rightmost vertices, bottom to top."""
-        return _face(self.ring_m, _at(self.ring_m, self.x_max, np.argmin))
+        return _face(self.ring_m, _at(self.ring_m, self.x_max, _lowest))
 
     def lower_wall(self) -> Array:
         """From tip to tip, or border, along the underside (V, 2), left to right."""
         return _chain(
             self.ring_m,
-            self._end(self.left_tip, self.x_min, np.argmin),
-            self._end(self.right_tip, self.x_max, np.argmin),
+            self._end(self.left_tip, self.x_min, _lowest),
+            self._end(self.right_tip, self.x_max, _lowest),
         )
 
     def upper_wall(self) -> Array:
         """From tip to tip, or border, along the upper side (V, 2), left to right."""
-        right, left = self._end(self.right_tip, self.x_max, np.argmax), self._end(self.left_tip, self.x_min, np.argmax)
+        right, left = self._end(self.right_tip, self.x_max, _highest), self._end(self.left_tip, self.x_min, _highest)
         return _chain(self.ring_m, right, left)[::-1]
 
     def border_wall(self) -> Array:
         """The one wall (V, 2), left to right, of a barrier on the bottom or the top border."""
-        far, near = (np.argmax, np.argmin) if self.on_bottom else (np.argmin, np.argmax)
+        far, near = (_highest, _lowest) if self.on_bottom else (_lowest, _highest)
         left = _at(self.ring_m, self.x_min, far if self.on_left else near)
         right = _at(self.ring_m, self.x_max, far if self.on_right else near)
         return _chain(self.ring_m, right, left)[::-1] if self.on_bottom else _chain(self.ring_m, left, right)
@@ -110,7 +122,7 @@ class Barrier:
                 )
         return low, high
 
-    def _end(self, tip: Array | None, x: float, pick: np.ufunc) -> int:
+    def _end(self, tip: Array | None, x: float, pick: Pick) -> int:
         if tip is None:
             return _at(self.ring_m, x, pick)
         return int(np.flatnonzero((self.ring_m == tip).all(axis=1))[0])
@@ -120,7 +132,7 @@ def _x(tip: Array | None) -> float:
     return np.nan if tip is None else float(tip[0])
 
 
-def _at(ring: Array, x: float, pick: np.ufunc) -> int:
+def _at(ring: Array, x: float, pick: Pick) -> int:
     """Index of the lowest or highest vertex at an extreme x."""
     index = np.flatnonzero(ring[:, 0] == x)
     return int(index[pick(ring[index, 1])])

@@ -7,6 +7,7 @@ one-to-one with no equation to solve. The vertices and side middles on a lid are
 the wall of the channel beside it, which is how a route passes.
 """
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,12 +51,11 @@ def mesh_bay(name: str, polygon: Polygon, lids: Array, cell_m: float) -> Bay:
     return Bay(name, xy, quads, np.flatnonzero(on_lid))
 
 
-def mesh_stretch(name: str, outline: Array, cell_m: float) -> Bay:
-    """Mesh a stretch of a channel with outline (V, 2); its vertices are the lid nodes."""
-    vertices, triangles = _triangulated(Polygon(outline), _SIDE * cell_m)
+def mesh_ground(name: str, polygon: Polygon, lid_points: Container[tuple[float, float]], cell_m: float) -> Bay:
+    """Mesh any ground; its lid nodes are the vertices of its outline that are among `lid_points`."""
+    vertices, triangles = _triangulated(polygon, _SIDE * cell_m)
     xy, quads = _quartered(vertices, triangles)
-    given = {(x, y) for x, y in outline.tolist()}
-    return Bay(name, xy, quads, np.flatnonzero([(x, y) in given for x, y in xy.tolist()]))
+    return Bay(name, xy, quads, np.flatnonzero([(x, y) in lid_points for x, y in xy.tolist()]))
 
 
 def _triangulated(polygon: Polygon, side_m: float) -> tuple[Array, NDArray[np.int64]]:
@@ -72,8 +72,8 @@ def _triangulated(polygon: Polygon, side_m: float) -> tuple[Array, NDArray[np.in
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    mesh.insert_vertices(np.concatenate(points))
-    mesh.insert_edges(np.concatenate(edges))
+    mesh.insert_vertices([pythoncdt.V2d(x, y) for x, y in np.concatenate(points).tolist()])
+    mesh.insert_edges([pythoncdt.Edge(a, b) for a, b in np.concatenate(edges).tolist()])
     outside = mesh.collect_outer_triangles_and_holes()
     shortest = _SHORTEST * side_m
     for criterion, threshold in (

@@ -84,7 +84,8 @@ class ChannelMap:
     @property
     def nodes(self) -> int:
         """Number of nodes, wall and dividing-streamline nodes counted once a channel."""
-        return sum(xy.shape[0] * xy.shape[1] for xy in self.xy_m) + sum(len(bay.xy_m) for bay in self.bays)
+        in_channels = sum(int(xy.shape[0] * xy.shape[1]) for xy in self.xy_m)
+        return in_channels + sum(len(bay.xy_m) for bay in self.bays)
 
     def psi_rows(self, channel: int) -> NDArray[np.float64]:
         """Stream values (m_j,) of the rows of one channel."""

@@ -5,8 +5,8 @@ a grown obstacle; (3) nearly all free ground is mapped and the rest is named; (4
 wall parts them.
 
 Law 2 by exact geometry: quads with positive corners are convex, so their edges and diagonals lie inside them; the quads
-of one orientation inside a simple outline overlap nowhere, and the outlines of the channels do not either; no quad meets
-an obstacle shrunk by the tolerance.
+of one orientation inside a simple outline fill it and overlap nowhere; the outlines of the channels' stretches are
+simple and apart, and neither they nor a bay's quads meet an obstacle shrunk by the tolerance.
 """
 
 from dataclasses import dataclass
@@ -16,9 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.bays import Bay
+from sandwich_sitl.channels.cells import quad_areas, quad_sines
 from sandwich_sitl.channels.channel_map import ChannelMap
-from sandwich_sitl.channels.quality import quad_areas
-from sandwich_sitl.channels.untangle import quad_sines
 from sandwich_sitl.errors import MapError
 
 Array = NDArray[np.float64]
@@ -32,7 +31,7 @@ class MapCheck:
     """What fails, counted: the map is sound when all are zero and the coverage suffices."""
 
     folded_cells: int
-    blocked_cells: int  # cells that meet the interior of a grown obstacle
+    blocked: int  # stretches of channels and quads of bays that meet the interior of a grown obstacle
     doubled_share: float  # area that channels cover twice, over the free area
     coverage: float  # mapped over free area
     unshared_nodes: int  # nodes of free streamlines or lids that are not the same point on both sides
@@ -43,7 +42,7 @@ class MapCheck:
         """One phrase for each law that does not hold."""
         laws = (
             (self.folded_cells == 0, f"{self.folded_cells} cells are folded"),
-            (self.blocked_cells == 0, f"{self.blocked_cells} cells meet an obstacle"),
+            (self.blocked == 0, f"{self.blocked} stretches or quads meet an obstacle"),
             (self.doubled_share <= 1e-9, f"{self.doubled_share:.2g} of the mapped area is mapped twice"),
             (self.coverage >= LEAST_COVERAGE, f"only {self.coverage:.4f} of the free ground is mapped"),
             (self.unshared_nodes == 0, f"{self.unshared_nodes} nodes differ between neighbouring channels"),
@@ -70,7 +69,7 @@ def examine(channel_map: ChannelMap) -> MapCheck:
     free = grown.free_area_m2
     return MapCheck(
         folded_cells=int((quad_sines(corners) <= 0).any(axis=1).sum()),
-        blocked_cells=_blocked(corners, channel_map, tolerance),
+        blocked=_blocked(channel_map, tolerance),
         doubled_share=_doubled(channel_map) / free if free > 0 else 0.0,
         coverage=area / free if free > 0 else 1.0,
         unshared_nodes=_unshared(channel_map),
@@ -78,19 +77,30 @@ def examine(channel_map: ChannelMap) -> MapCheck:
     )
 
 
-def _blocked(corners: Array, channel_map: ChannelMap, tolerance: float) -> int:
-    """Cells that meet an obstacle shrunk by the tolerance."""
+def _blocked(channel_map: ChannelMap, tolerance: float) -> int:
+    """Stretches of channels and quads of bays that meet an obstacle shrunk by the tolerance."""
     shrunk = [polygon.buffer(-tolerance, join_style="mitre") for polygon in channel_map.grown.polygons]
     solid = [part for polygon in shrunk for part in shapely.get_parts(polygon) if not part.is_empty]
-    if not solid:
+    ground = [
+        *_stretches(channel_map),
+        *(quad for bay in channel_map.bays for quad in np.asarray(shapely.polygons(bay.corners_m()), dtype=object)),
+    ]
+    if not solid or not ground:
         return 0
-    shapely.prepare(solid)
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    boxes = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-    obstacle, cell = boxes.query(solid, predicate="intersects")
-    quads = shapely.polygons(corners[cell])
-    meets = shapely.intersects(np.array(solid, dtype=object)[obstacle], quads)
-    return len(np.unique(cell[meets]))
+    shapely.prepare(ground)
+    meeting, _ = shapely.STRtree(solid).query(ground, predicate="intersects")
+    return len(np.unique(meeting))
+
+
+def _stretches(channel_map: ChannelMap) -> list[shapely.Polygon]:
+    """Outlines of the gridded stretches of every channel."""
+    outlines = []
+    for xy, gridded in zip(channel_map.xy_m, channel_map.gridded, strict=True):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], gridded, [False]]).astype(int)))
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            low, high = xy[start : end + 1, 0], xy[start : end + 1, -1]
+            outlines.append(shapely.Polygon(np.concatenate([low, xy[end, 1:-1], high[::-1], xy[start, -2:0:-1]])))
+    return outlines
 
 
 def _unshared(channel_map: ChannelMap) -> int:
@@ -107,32 +117,36 @@ def _unshared(channel_map: ChannelMap) -> int:
 
 
 def _stray(channel_map: ChannelMap, tolerance: float) -> int:
-    """Barred nodes that are neither on an obstacle's outline nor on a bay's lid."""
+    """Barred nodes of cells that are neither on an obstacle's outline nor on a bay's."""
     nodes = [
-        side
+        channel_map.xy_m[channel][barred & _has_cells(channel_map.gridded[channel]), row]
         for d, barred in enumerate(channel_map.barred)
-        for side in (channel_map.xy_m[d][barred, -1], channel_map.xy_m[d + 1][barred, 0])
+        for channel, row in ((d, -1), (d + 1, 0))
     ]
-    points = shapely.points(np.concatenate([np.empty((0, 2)), *nodes]))
+    points = np.asarray(shapely.points(np.concatenate([np.empty((0, 2)), *nodes])), dtype=object)
     if not len(points):
         return 0
     lines = np.array([polygon.exterior for polygon in channel_map.grown.polygons], dtype=object)
-    walls = shapely.STRtree(np.concatenate([lines, *(_lid_edges(bay) for bay in channel_map.bays)]))
+    walls = shapely.STRtree(np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays)]))
     _, distance = walls.query_nearest(points, return_distance=True, all_matches=False)
     return int((distance > tolerance).sum())
 
 
-def _lid_edges(bay: Bay) -> NDArray[np.object_]:
-    """Outer edges of a bay between two lid nodes, as lines."""
+def _has_cells(gridded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which columns of nodes (m_phi,) have cells beside them."""
+    return np.concatenate([gridded[:1], gridded[1:] | gridded[:-1], gridded[-1:]])
+
+
+def _outer_edges(bay: Bay) -> NDArray[np.object_]:
+    """Edges of a bay's outline, lids and walls, as lines."""
     sides = np.sort(np.stack([bay.quads, np.roll(bay.quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, uses = np.unique(sides, axis=0, return_counts=True)
-    outer = edges[(uses == 1) & np.isin(edges, bay.lid_nodes).all(axis=1)]
-    return np.asarray(shapely.linestrings(bay.xy_m[outer]), dtype=object).reshape(-1)
+    return np.asarray(shapely.linestrings(bay.xy_m[edges[uses == 1]]), dtype=object).reshape(-1)
 
 
 def _doubled(channel_map: ChannelMap) -> float:
-    """Area that channels cover twice, from their outlines: those and one orientation leave no other way to overlap."""
-    outlines = [shapely.Polygon(np.concatenate([xy[:, 0], xy[::-1, -1]])) for xy in channel_map.xy_m]
+    """Area that channels cover twice, from the outlines: those and one orientation leave no other way to overlap."""
+    outlines = _stretches(channel_map)
     total = sum(outline.area for outline in outlines)
     crossed = sum(0.0 if outline.is_valid else outline.area for outline in outlines)
     return crossed if crossed > 0 else float(total - shapely.union_all(outlines).area)

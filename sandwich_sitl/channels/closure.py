@@ -62,7 +62,7 @@ def close_world(rings: Sequence[Array], bounds: Bounds) -> tuple[Closure, ...]:
         if not found:
             break
         pairs = [(lids.a, lids.b) for lids in found]
-        added = {min(lids.a, lids.b): [] for lids in found}
+        added: dict[int, list[Array]] = {min(lids.a, lids.b): [] for lids in found}
         for lids in found:
             added[min(lids.a, lids.b)].append(lids.segments)
         shut = [
@@ -155,6 +155,6 @@ def with_vertices(ring: Array, points: Array) -> Array:
         inside = (beside <= tolerance) & (along > tolerance) & (along < size - tolerance)
         order = np.argsort(along[inside])
         between = points[inside][order]
-        keep = np.concatenate([[True], np.diff(along[inside][order]) > tolerance]) if len(between) else []
-        pieces += [start[None], between[np.asarray(keep, dtype=bool)]]
+        apart = np.diff(along[inside][order], prepend=-np.inf) > tolerance
+        pieces += [start[None], between[apart]]
     return np.concatenate(pieces)

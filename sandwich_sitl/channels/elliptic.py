@@ -70,7 +70,7 @@ def _solve(x: Array, y: Array, tolerance: float) -> tuple[int, float]:
         _cycle(x, y, zero, zero)
         worst = _residual(x, y, zero, zero, in_x, in_y)
         cycles += 1
-    return cycles, worst
+    return cycles, float(worst)
 
 
 @njit(cache=True, nogil=True)
@@ -109,7 +109,7 @@ def _coefficients(x: Array, y: Array, i: int, j: int) -> tuple[float, float, flo
 @njit(cache=True, nogil=True)
 def _mixed(u: Array, i: int, j: int) -> float:
     """u_phipsi."""
-    return (u[i + 1, j + 1] - u[i - 1, j + 1] - u[i + 1, j - 1] + u[i - 1, j - 1]) / 4
+    return float(u[i + 1, j + 1] - u[i - 1, j + 1] - u[i + 1, j - 1] + u[i - 1, j - 1]) / 4
 
 
 @njit(cache=True, nogil=True)
@@ -125,7 +125,7 @@ def _residual(x: Array, y: Array, f_x: Array, f_y: Array, r_x: Array, r_y: Array
             r_x[i, j] = f_x[i, j] - (n_x - 2 * b * _mixed(x, i, j)) / scale
             r_y[i, j] = f_y[i, j] - (n_y - 2 * b * _mixed(y, i, j)) / scale
             worst = max(worst, abs(r_x[i, j]), abs(r_y[i, j]))
-    return worst
+    return float(worst)
 
 
 @njit(cache=True, nogil=True)

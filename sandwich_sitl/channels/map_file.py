@@ -1,16 +1,25 @@
 """A `ChannelMap` as one `.npz` file, and back."""
 
+import hashlib
 import json
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from sandwich_sitl.channels.channel_map import ChannelMap
+from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.world.grow import GrownWorld
 
-_FORMAT = 2
+_FORMAT = 3  # of the file and of the way maps are made: a change of either makes kept maps void
+
+
+def map_key(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flow) -> str:
+    """Hash of all that a map depends on."""
+    parts = [repr((_FORMAT, grown.bounds_m, grown.names, cell_m, min_rows, flow)).encode()]
+    parts += [np.ascontiguousarray(ring).tobytes() for ring in grown.rings_m()]
+    return hashlib.sha256(b"|".join(parts)).hexdigest()[:32]
 
 
 def save_map(channel_map: ChannelMap, path: Path) -> None:
@@ -18,7 +27,7 @@ def save_map(channel_map: ChannelMap, path: Path) -> None:
     arrays, header = map_to_arrays(channel_map)
     try:
         with path.open("wb") as file:
-            np.savez(file, header=np.array(json.dumps({"format": _FORMAT} | header)), **arrays)
+            np.savez(file, allow_pickle=False, header=np.array(json.dumps({"format": _FORMAT} | header)), **arrays)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
 

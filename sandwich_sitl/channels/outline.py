@@ -22,7 +22,7 @@ class Outline:
     def ring(self) -> Array:
         """Vertices (V, 2), counter-clockwise."""
         ring = np.concatenate([self.lower, self.upper[::-1]])
-        return ring[(ring != np.roll(ring, 1, axis=0)).any(axis=1)]
+        return np.asarray(ring[(ring != np.roll(ring, 1, axis=0)).any(axis=1)])
 
     def right_profile(self) -> Array:
         """From the lowest point along the right to the highest (V, 2)."""
@@ -108,7 +108,7 @@ def _envelope(edges: Array, *, highest: bool) -> Array:
 def _without_repeats(path: Array) -> Array:
     """The path without points that are the one before but for rounding."""
     same = _SAME * (1 + float(np.abs(path).max()))
-    return path[np.concatenate([[True], (np.abs(np.diff(path, axis=0)) > same).any(axis=1)])]
+    return np.asarray(path[np.concatenate([[True], (np.abs(np.diff(path, axis=0)) > same).any(axis=1)])])
 
 
 def _height(edge: Array, x: Array) -> Array:
@@ -121,5 +121,5 @@ def _at(edge: Array, x: float) -> Array:
     span = _SAME * (1 + abs(x))
     for vertex in edge:
         if abs(vertex[0] - x) <= span:
-            return vertex
+            return np.asarray(vertex)
     return np.array([x, float(_height(edge, np.array([x]))[0])])

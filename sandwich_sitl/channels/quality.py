@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.bays import Bay
+from sandwich_sitl.channels.cells import quad_angles, quad_areas, quad_sides, quad_sines
 from sandwich_sitl.channels.channel_map import MapQuality
-from sandwich_sitl.channels.untangle import quad_sines
 from sandwich_sitl.world.grow import GrownWorld
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ def measure(
     corners = np.concatenate([channels, *(bay.corners_m() for bay in bays)])
     sines = quad_sines(corners)
     angles = np.degrees(quad_angles(corners))
-    sides = np.sqrt(((np.roll(channels, -1, axis=1) - channels) ** 2).sum(axis=-1))
+    sides = quad_sides(channels)
     along, across = (sides[:, 0] + sides[:, 2]) / 2, (sides[:, 1] + sides[:, 3]) / 2
     aspect = np.maximum(along, across) / np.minimum(along, across)
     free = grown.free_area_m2
@@ -37,16 +37,3 @@ def measure(
         max_residual_m=max_residual_m,
         coverage=float(quad_areas(corners).sum() / free) if free > 0 else 0.0,
     )
-
-
-def quad_areas(corners: Array) -> Array:
-    """Signed areas (n,) of quads (n, 4, 2)."""
-    one, other = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
-    return np.asarray((one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2)
-
-
-def quad_angles(corners: Array) -> Array:
-    """Angles (n, 4) in radians at the corners of quads (n, 4, 2)."""
-    onward, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-    cross = onward[..., 0] * back[..., 1] - onward[..., 1] * back[..., 0]
-    return np.asarray(np.arctan2(cross, (onward * back).sum(axis=-1)))

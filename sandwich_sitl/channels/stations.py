@@ -66,12 +66,15 @@ def _potential(sigma: Array, aspect: float) -> Array:
     along[:, [0, -1]] /= 2  # faces of half a volume on the sides
     rows = np.concatenate([number[:-1].ravel(), number[:, :-1].ravel()])
     columns = np.concatenate([number[1:].ravel(), number[:, 1:].ravel()])
-    flow = sp.coo_array((np.concatenate([along.ravel(), across.ravel()]), (rows, columns)), shape=(nx * ny, nx * ny))
-    flow = (flow + flow.T).tocsr()
-    laplacian = sp.diags_array(np.asarray(flow.sum(axis=1)).ravel()) - flow
+    values, size = np.concatenate([along.ravel(), across.ravel()]), nx * ny
+    one_way = sp.coo_array((values, (rows, columns)), shape=(size, size))
+    flow = sp.csr_array(one_way + one_way.T)
+    laplacian = sp.csr_array(sp.diags_array(np.asarray(flow.sum(axis=1)).ravel()) - flow)
     inner, outlet = number[1:-1].ravel(), number[-1].ravel()
     given = -np.asarray(laplacian[inner][:, outlet].sum(axis=1)).ravel()
-    factor = splu(laplacian[inner][:, inner].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    factor = splu(
+        sp.csc_matrix(laplacian[inner][:, inner]), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+    )
     potential = np.zeros((nx, ny))
     potential[-1] = 1.0
     potential[1:-1] = factor.solve(given).reshape(nx - 2, ny)

@@ -82,8 +82,8 @@ def _streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
     found = []
     for a, b in pairs[pairs[:, 0] != pairs[:, 1]].tolist():
         if outlines[a].upper[-1, 0] <= outlines[b].upper[0, 0]:
-            profiles = outlines[a].right_profile(), outlines[b].left_profile()
-            segments = _street(*profiles, (bounds[1], bounds[3]), tree, {a, b})
+            left, right = outlines[a].right_profile(), outlines[b].left_profile()
+            segments = _street(left, right, (bounds[1], bounds[3]), tree, {a, b})
             found += [] if segments is None else [Lids(a, b, segments)]
     return found
 
@@ -101,9 +101,9 @@ def _border_streets(outlines: list[Outline], bounds: Bounds) -> list[Lids]:
             spans = [(y_min, y_max)] if not contact.size else [(y_min, contact.min()), (contact.max(), y_max)]
             for span in spans:
                 border = np.array([[border_x, y] for y in span])
-                profiles = (border, mine) if border_x == x_min else (mine, border)
+                left, right = (border, mine) if border_x == x_min else (mine, border)
                 closed = (y_min, y_max, *(float(y) for y in contact))
-                segments = _street(*profiles, closed, tree, {k})
+                segments = _street(left, right, closed, tree, {k})
                 found += [] if segments is None else [Lids(k, k, segments)]
     return found
 

@@ -61,6 +61,7 @@ def _tip(
     others = [k for k in tree.query(sliver, predicate="intersects").tolist() if k != own]
     if others or any(sliver.intersects(other) for other in taken):
         return np.asarray(extreme[np.argmin(np.abs(extreme[:, 1] - point[1]))])
+    assert isinstance(sliver, shapely.Polygon)
     taken.append(sliver)
     return point
 
@@ -77,7 +78,7 @@ def _at_height(face: Array, y: float) -> Array:
     """The point of a face (F, 2), which rises, at height y; a vertex of it where one is near."""
     nearest = int(np.argmin(np.abs(face[:, 1] - y)))
     if abs(face[nearest, 1] - y) <= _SAME * (face[-1, 1] - face[0, 1]):
-        return face[nearest]
+        return np.asarray(face[nearest])
     return np.array([np.interp(y, face[:, 1], face[:, 0]), y])
 
 

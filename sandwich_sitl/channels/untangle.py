@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sandwich_sitl.channels.cells import quad_sines
+
 Array = NDArray[np.float64]
 
 RINGS = (3, 6, 12, 24, 48, 96)  # cells round the bad ones that may move, tried in turn
@@ -49,14 +51,6 @@ def untangle(xy: Array, least_sine: float) -> Untangled:
 def corner_sines(xy: Array) -> Array:
     """Corner Jacobian over the product of its two edge lengths, (m_phi - 1, m_j - 1, 4); not positive: folded."""
     return quad_sines(np.stack([xy[:-1, :-1], xy[1:, :-1], xy[1:, 1:], xy[:-1, 1:]], axis=2))
-
-
-def quad_sines(corners: Array) -> Array:
-    """Sines (..., 4) of the corner angles of quads (..., 4, 2); -1 where a side has no length."""
-    onward, back = np.roll(corners, -1, axis=-2) - corners, np.roll(corners, 1, axis=-2) - corners
-    cross = onward[..., 0] * back[..., 1] - onward[..., 1] * back[..., 0]
-    product = np.sqrt((onward**2).sum(axis=-1) * (back**2).sum(axis=-1))
-    return np.asarray(np.where(product > 0, cross / np.where(product > 0, product, 1.0), -1.0))
 
 
 @njit(cache=True, nogil=True)

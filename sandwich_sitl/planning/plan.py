@@ -5,6 +5,7 @@ grow -> channel map -> A* route -> time law -> reference and corridor, with the 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import shapely
@@ -14,6 +15,7 @@ from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.channels.check import check_map
 from sandwich_sitl.channels.flow import flow_along
+from sandwich_sitl.channels.map_file import map_key
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_points
@@ -45,8 +47,20 @@ class Route:
     places: NDArray[np.int64]
 
 
-def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]) -> FlightPlan:
-    """Plan a whole flight; `on_stage` is told the name of each stage as it begins.
+class Maps(Protocol):
+    """Where maps are kept between runs."""
+
+    def get(self, key: str) -> ChannelMap | None:
+        """The map kept under a key."""
+
+    def put(self, key: str, channel_map: ChannelMap) -> None:
+        """Keep a map."""
+
+
+def plan_flight(
+    config: RunConfig, world: World, on_stage: Callable[[str], None], maps: Maps | None = None
+) -> FlightPlan:
+    """Plan a whole flight; `on_stage` is told the name of each stage as it begins; `maps` saves solving one twice.
 
     Raises `InputError` (start or goal outside the world or inside a grown obstacle), `NoRouteError` (not connected) and
     `MapError` (the map or the corridor cannot be made safe).
@@ -58,7 +72,7 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     grown = grow(world, planner.vehicle_radius_m + planner.margin_m, detail)
     check_ends(config, grown)
     on_stage("channel map")
-    channel_map = _checked_map(config, grown)
+    channel_map = _checked_map(config, grown, maps)
     on_stage("route")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
     map_graph = build_map_graph(channel_map)
@@ -99,16 +113,29 @@ def plan_flight(config: RunConfig, world: World, on_stage: Callable[[str], None]
     )
 
 
-def _checked_map(config: RunConfig, grown: GrownWorld) -> ChannelMap:
+def _checked_map(config: RunConfig, grown: GrownWorld, maps: Maps | None) -> ChannelMap:
     """The map along the configured flow; on `auto` along the longer leg, or across it where no channel passes that way."""
     planner = config.planner
     along = flow_along(config.start_m, config.goal_m)
     flows: tuple[Flow, ...] = (along, "y" if along == "x" else "x") if planner.flow == "auto" else (planner.flow,)
     for flow in flows:
-        channel_map = build_channel_map(grown, planner.cell_m, planner.min_rows, flow)
+        channel_map = _kept_map(config, grown, flow, maps)
         if channel_map.channels:
             break
     check_map(channel_map)
+    return channel_map
+
+
+def _kept_map(config: RunConfig, grown: GrownWorld, flow: Flow, maps: Maps | None) -> ChannelMap:
+    """The map from where maps are kept, or built and kept there."""
+    parameters = config.planner.cell_m, config.planner.min_rows, flow
+    key = map_key(grown, *parameters)
+    kept = None if maps is None else maps.get(key)
+    if kept is not None:
+        return kept
+    channel_map = build_channel_map(grown, *parameters)
+    if maps is not None:
+        maps.put(key, channel_map)
     return channel_map
 
 
