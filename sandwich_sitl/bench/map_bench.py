@@ -18,6 +18,7 @@ from unittest.mock import patch
 
 import numpy as np
 import scipy.sparse as sparse
+import shapely
 from scipy.sparse.linalg import splu
 
 from sandwich_sitl.bench.child import peak_memory_mib
@@ -25,11 +26,15 @@ from sandwich_sitl.bench.map_worlds import BenchWorld
 from sandwich_sitl.channels import build
 from sandwich_sitl.channels.check import examine
 from sandwich_sitl.channels.map_file import load_map, save_map
+from sandwich_sitl.channels.update import update_map
 
 MIN_ROWS = 5
 _LONG_S = 8.0  # no repetition of what takes longer
 _WARM_UP_NODES = 2000  # compiles what is compiled at run time
 _LOADS = 7
+_POP_UPS = 9
+_POP_UP_M = 3.0
+_POP_UP_SEED = 1
 _STAGES = {
     "close": "_barriers",
     "classify": "classify",
@@ -146,6 +151,55 @@ def measure_load(world: BenchWorld, nodes: int) -> tuple[int, float]:
             load_map(path)
             seconds.append(time.perf_counter() - began)
     return channel_map.nodes, min(seconds)
+
+
+@dataclass(frozen=True)
+class UpdateFigures:
+    """Pop-up obstacles put into one map, each alone: the median and the longest time, against a whole new build."""
+
+    nodes: int
+    channels: int
+    obstacles: int
+    median_s: float
+    longest_s: float
+    build_s: float
+    failures: tuple[str, ...]
+
+
+def measure_update(world: BenchWorld, nodes: int, repeats: int) -> UpdateFigures:
+    """Obstacles `_POP_UP_M` across, grown, at random places of the free ground; every map that results is checked."""
+    cell_m = world.cell_m(nodes)
+    build_s = []
+    for _ in range(repeats + 1):
+        began = time.perf_counter()
+        channel_map = build.build_channel_map(world.grown, cell_m, MIN_ROWS)
+        build_s.append(time.perf_counter() - began)
+    rng = np.random.default_rng(_POP_UP_SEED)
+    ground = world.free_ground().buffer(-_POP_UP_M)
+    x_min, y_min, x_max, y_max = world.grown.bounds_m
+    seconds: list[float] = []
+    failures: list[str] = []
+    while len(seconds) < _POP_UPS:
+        x, y = rng.uniform((x_min, y_min), (x_max, y_max))
+        if not shapely.contains_xy(ground, x, y):
+            continue
+        obstacle = shapely.Point(x, y).buffer(_POP_UP_M / 2, quad_segs=4)
+        times = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            updated = update_map(channel_map, obstacle, "pop-up", cell_m)
+            times.append(time.perf_counter() - began)
+        seconds.append(min(times))
+        failures += [f"pop-up at ({x:.3f}, {y:.3f}): {failure}" for failure in examine(updated).failures]
+    return UpdateFigures(
+        channel_map.nodes,
+        channel_map.channels,
+        _POP_UPS,
+        float(np.median(seconds)),
+        max(seconds),
+        min(build_s),
+        tuple(failures),
+    )
 
 
 @contextmanager

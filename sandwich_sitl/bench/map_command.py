@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from sandwich_sitl.errors import InputError
 
 if TYPE_CHECKING:
-    from sandwich_sitl.bench.map_bench import SizeFigures
+    from sandwich_sitl.bench.map_bench import SizeFigures, UpdateFigures
     from sandwich_sitl.bench.map_peers import PeerFigures
     from sandwich_sitl.bench.map_worlds import BenchWorld
 
 _NODES = (10_000, 100_000, 1_000_000)
-_LOAD_NODES = 100_000
+_MIDDLE_NODES = 100_000
 _SIZE_TIMEOUT_S = 600.0
 
 
@@ -26,7 +26,7 @@ def register(benches: Any) -> None:
         "map", help="time, growth and memory of the channel map, with peers"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the town that is mapped (default 1)")
-    parser.add_argument("--obstacles", type=int, default=40, metavar="N", help="obstacles of the town (default 40)")
+    parser.add_argument("--obstacles", type=int, default=60, metavar="N", help="obstacles of the town (default 60)")
     parser.add_argument("--config", type=Path, metavar="FILE", help="the world of this run instead of a town")
     parser.add_argument(
         "--nodes",
@@ -56,7 +56,7 @@ def _count(text: str) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.child import ChildFailedError, in_child
-    from sandwich_sitl.bench.map_bench import growth, measure_load, measure_size
+    from sandwich_sitl.bench.map_bench import growth, measure_load, measure_size, measure_update
     from sandwich_sitl.bench.map_peers import measure_peers
     from sandwich_sitl.bench.map_worlds import town, world_of
 
@@ -70,12 +70,15 @@ def _run(arguments: argparse.Namespace) -> int:
             sizes.append(in_child(measure_size, world, nodes, arguments.repeat, timeout_s=_SIZE_TIMEOUT_S))
         except ChildFailedError as error:
             _say(f"{nodes} nodes: {error}")
-    _say("load")
-    load_nodes, load_s = measure_load(world, min(_LOAD_NODES, max(arguments.nodes)))
+    middle = min(_MIDDLE_NODES, max(arguments.nodes))
+    _say("update, load")
+    update = measure_update(world, middle, arguments.repeat)
+    load_nodes, load_s = measure_load(world, middle)
     _say("peers")
     peers = measure_peers(world, arguments.peer_timeout) if arguments.peer_timeout > 0 else ()
     exponent = growth(sizes)
     print("\n".join([*_world_lines(world), "", *_size_lines(sizes, exponent), "", *_stage_lines(sizes), ""]))
+    print("\n".join(_update_lines(update)))
     print(f"loading a saved map of {load_nodes} nodes: {1000 * load_s:.1f} ms")
     if peers:
         print("\n".join(["", *_peer_lines(peers)]))
@@ -84,11 +87,13 @@ def _run(arguments: argparse.Namespace) -> int:
             "world": {"name": world.name, "obstacles": world.obstacles, "bounds_m": world.grown.bounds_m},
             "sizes": [asdict(size) for size in sizes],
             "growth_exponent": exponent,
+            "update": asdict(update),
             "load": {"nodes": load_nodes, "seconds": load_s},
             "peers": [asdict(peer) for peer in peers],
         }
         arguments.json.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    return 1 if len(sizes) < len(arguments.nodes) or any(size.failures for size in sizes) else 0
+    whole = len(sizes) == len(arguments.nodes) and not update.failures and not any(size.failures for size in sizes)
+    return 0 if whole else 1
 
 
 def _world_lines(world: "BenchWorld") -> list[str]:
@@ -127,6 +132,15 @@ def _stage_lines(sizes: Sequence["SizeFigures"]) -> list[str]:
     return [
         f"{'stage, s':<16}" + "".join(f"{size.nodes:>10}" for size in sizes),
         *(f"{stage:<16}" + "".join(f"{seconds:>10.3f}" for seconds in row) for stage, row in rows.items()),
+    ]
+
+
+def _update_lines(update: "UpdateFigures") -> list[str]:
+    return [
+        f"a pop-up obstacle in a map of {update.channels} channels and {update.nodes} nodes: median "
+        f"{1000 * update.median_s:.1f} ms, longest of {update.obstacles} {1000 * update.longest_s:.1f} ms; "
+        f"{100 * update.median_s / update.build_s:.1f} % and {100 * update.longest_s / update.build_s:.1f} % of a new build",
+        *(f"check failed: {failure}" for failure in update.failures),
     ]
 
 

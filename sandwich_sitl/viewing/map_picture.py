@@ -118,7 +118,7 @@ def _draw_lines(axes: Axes, channel_map: ChannelMap) -> None:
 
 
 def _column_step(channel_map: ChannelMap, pitch: float) -> int:
-    columns = (channel_map.phi[-1] - channel_map.phi[0]) / pitch
+    columns = float(channel_map.phi[-1] - channel_map.phi[0]) / pitch
     return max(1, round((len(channel_map.phi) - 1) / columns))
 
 

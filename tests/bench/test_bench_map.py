@@ -113,6 +113,8 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     data = json.loads(path.read_text(encoding="utf-8"))
     assert [set(size["stages_s"]) == set(map_bench._STAGES) for size in data["sizes"]] == [True, True]
     assert data["load"]["seconds"] > 0
+    assert data["update"]["failures"] == []
+    assert 0 < data["update"]["median_s"] <= data["update"]["longest_s"]
 
 
 def test_a_runs_world_is_grown_as_the_run_grows_it() -> None:
