@@ -80,9 +80,37 @@ class MpcConfig:
     rate_hz: Annotated[float, Field(ge=5, le=500), AfterValidator(_whole_milliseconds)] = 50.0
     horizon_steps: Annotated[int, Field(ge=4, le=100)] = 20
     step_s: Positive = 0.1
-    bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 4.0
-    observer_radps: Annotated[float, Field(gt=0, description="bandwidth of the state observer")] = 1.0
-    delay_s: Annotated[float, Field(ge=0, le=0.5, description="from a set-point to the motion it asks for")] = 0.0
+    bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 8.0
+    solver: Annotated[
+        Literal["osqp", "active_set", "daqp", "piqp", "clarabel"],
+        Field(description="active_set is the own exact one; daqp, piqp and clarabel need the extra `solvers`"),
+    ] = "osqp"
+    speed_mps: Annotated[float, Field(gt=0, description="horizontal speed the plan keeps to")] = 12.0
+    climb_mps: Annotated[float, Field(gt=0, description="vertical speed the plan keeps to")] = 3.0
+    acceleration_mps2: Positive = 6.0
+    tilt_deg: Annotated[float, Field(gt=0, lt=80, description="limits the horizontal acceleration to g tan(tilt)")] = 35
+    jerk_mps3: Positive = 40.0
+    snap_mps4: Positive = 600.0
+    height_band_m: Annotated[float, Field(gt=0, description="how far the plan may leave the desired height")] = 1.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class TrackingConfig:
+    """What closes the loop round the plan: offset, delay and motion of the vehicle."""
+
+    observer_radps: Annotated[float, Field(gt=0, description="rate at which an offset is taken out")] = 2.0
+    motion_radps: Annotated[float, Field(gt=0, description="bandwidth of estimated acceleration and jerk")] = 6.0
+    delay_s: Annotated[
+        float | None, Field(ge=0, le=0.3, description="from a set-point to the motion it asks for; null: measured")
+    ] = None
+    offset_limit_m: Annotated[float, Field(gt=0, description="largest offset that is aimed off")] = 1.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class AssuranceConfig:
+    """When a plan is not flown."""
+
+    region_tolerance_m: Annotated[float, Field(ge=0, description="how far outside a region a plan may pass")] = 0.02
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -95,6 +123,9 @@ class MissionConfig:
     request_timeout_s: Positive = 5.0
     land_timeout_s: Positive = 60.0
     brake_mps2: Positive = 3.0
+    hold_s: Annotated[
+        float, Field(gt=0, description="how long a vehicle that lost its plan waits in the air for a request to land")
+    ] = 30.0
     start_tolerance_m: Annotated[float, Field(gt=0, description="how far from start_m the vehicle may stand")] = 2.0
     goal_tolerance_m: Positive = 0.5
     lost_track_m: Annotated[
@@ -156,6 +187,8 @@ class RunConfig:
         Field(description="paper: one node a step, Euler model, unmended quadrangles; timed: the default"),
     ] = "timed"
     mpc: MpcConfig = field(default_factory=MpcConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    assurance: AssuranceConfig = field(default_factory=AssuranceConfig)
     mission: MissionConfig = field(default_factory=MissionConfig)
     vehicle: dict[str, Any] = field(default_factory=dict)
     link: LinkConfig = field(default_factory=LinkConfig)

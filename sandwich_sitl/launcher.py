@@ -227,6 +227,9 @@ def _vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path
         yield
     finally:
         _stop(process)
+        for pipe in (process.stdin, process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def _wait_until_bound(process: subprocess.Popen[str]) -> None:

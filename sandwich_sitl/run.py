@@ -16,6 +16,9 @@ import numpy as np
 import shapely
 
 from sandwich_sitl.config import RunConfig
+from sandwich_sitl.control.assurance import Fault, Rung, describe
+from sandwich_sitl.control.horizon import Horizon, HorizonSolver
+from sandwich_sitl.control.solvers.registry import solver_for_flight
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import fence_around
 from sandwich_sitl.link.session import LinkSession, LinkStatistics
@@ -47,28 +50,40 @@ class Observers:
     on_state: Callable[[float, str, str], None]
 
 
-def fly(config: RunConfig, plan: FlightPlan, observers: Observers, stop_requests: Callable[[], int]) -> FlightResult:
-    """Fly one mission over the configured link and return how it ended.
+def fly(
+    config: RunConfig,
+    plan: FlightPlan,
+    observers: Observers,
+    stop_requests: Callable[[], int],
+    make_solver: Callable[[str, Horizon], HorizonSolver] = solver_for_flight,
+) -> FlightResult:
+    """Fly one mission over the configured link and return how it ended; `make_solver` builds what `mpc.solver` names.
 
     A vehicle that falls silent ends in outcome `lost`; `InputError` is raised for a link that cannot be opened.
     """
-    return _Loop(config, plan, observers, stop_requests).run()
+    return _Loop(config, plan, observers, stop_requests, make_solver).run()
 
 
 class _Loop:
     def __init__(
-        self, config: RunConfig, plan: FlightPlan, observers: Observers, stop_requests: Callable[[], int]
+        self,
+        config: RunConfig,
+        plan: FlightPlan,
+        observers: Observers,
+        stop_requests: Callable[[], int],
+        make_solver: Callable[[str, Horizon], HorizonSolver],
     ) -> None:
         self._config, self._plan = config, plan
         self._recorder, self._on_state = observers.recorder, observers.on_state
         self._stop_requests = stop_requests
         self._mission = Mission(config.mission, config.start_m, config.altitude_m, float(plan.reference.t_s[-1]))
-        self._pilot = Pilot(config, plan.reference, plan.corridor)
+        self._pilot = Pilot(config, plan.reference, plan.corridor, make_solver)
         self._obstacles = shapely.union_all([shapely.Polygon(ring) for ring in plan.obstacles_m])
         shapely.prepare(self._obstacles)
         self._frames: list[tuple[float, str, bytes]] = []
         self._last_state: State | None = None
         self._refused: str | None = None
+        self._ladder = (Rung.PLAN, Fault.NONE)
         self._ticks = 0
         self._horizon_due_s = 0.0
 
@@ -99,9 +114,7 @@ class _Loop:
         now_s = link.next_tick()
         began = time.perf_counter()
         view = link.view
-        inputs = MissionInputs(
-            self._stop_requests(), self._pilot.route_finished(now_s, view), self._pilot.plan_stale(now_s)
-        )
+        inputs = MissionInputs(self._stop_requests(), self._pilot.route_finished(view), self._pilot.plan_stale(now_s))
         orders = self._mission.step(now_s, view, inputs)
         solving = time.perf_counter()
         steering = self._pilot.steer(orders.stream, now_s, view)
@@ -155,6 +168,10 @@ class _Loop:
         assert tick is not None
         assert view.r_m is not None
         assert view.v_mps is not None
+        if (tick.rung, tick.fault) != self._ladder:
+            self._ladder = (tick.rung, tick.fault)
+            level = "info" if tick.rung is Rung.PLAN else "warning"
+            self._recorder.log(now_s, level, f"assurance: {describe(tick.rung, tick.fault)}")
         lift = np.array([0.0, 0.0, self._pilot.ground_m])
         self._recorder.control(
             ControlRecord(
@@ -163,8 +180,8 @@ class _Loop:
                 reference_m=tick.desired_m + lift,
                 estimate_r_m=view.r_m,
                 estimate_v_mps=view.v_mps,
-                model_a_mps2=tick.setpoint[6:9],
-                model_j_mps3=tick.setpoint[9:12],
+                model_a_mps2=tick.motion[6:9],
+                model_j_mps3=tick.motion[9:12],
                 setpoint_r_m=tick.setpoint[:3] + lift,
                 setpoint_v_mps=tick.setpoint[3:6],
                 setpoint_a_mps2=tick.setpoint[6:9],
@@ -174,10 +191,15 @@ class _Loop:
                 solver_iterations=tick.solution.iterations,
                 region=tick.region,
                 clearance_m=self._clearance(view.r_m[0], view.r_m[1]),
+                offset_m=tick.offset_m,
+                delay_s=tick.delay_s,
+                reference_rate=tick.rate,
+                rung=int(tick.rung),
+                fault=str(tick.fault),
             )
         )
         if now_s >= self._horizon_due_s:
-            self._recorder.horizon(now_s, tick.solution.states[:, :3] + lift)
+            self._recorder.horizon(now_s, tick.ahead_m + lift)
             self._horizon_due_s = now_s + 1.0 / self._config.logging.horizon_hz
 
     def _clearance(self, x: float, y: float) -> float:

@@ -1,7 +1,12 @@
-"""Command line: `vehicle-sim CONFIG --connect URI`. Runs until SIGINT or SIGTERM."""
+"""Command line: `vehicle-sim CONFIG --connect URI`. Runs until SIGINT or SIGTERM; SIGUSR1 pauses and resumes, SIGUSR2 steps once.
+
+`--contract`, `--parameters` and `--bench` print and end.
+"""
 
 import argparse
+import dataclasses
 import gc
+import os
 import signal
 import sys
 import threading
@@ -14,84 +19,155 @@ import yaml
 from vehicle_sim.config import RunConfig, load_run
 from vehicle_sim.endpoints import parse_endpoints
 from vehicle_sim.errors import ConfigError, VehicleError
-from vehicle_sim.node import Node
-from vehicle_sim.recorder import Recorder
-from vehicle_sim.server import Pace, Server, open_socket
-from vehicle_sim.vehicle import Vehicle
+from vehicle_sim.fleet import run_fleet
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The options."""
     parser = argparse.ArgumentParser(
-        prog="vehicle-sim", description="A quadcopter behind a PX4-like autopilot that speaks MAVLink 2 over UDP."
+        prog="vehicle-sim", description="A quadcopter behind a PX4-like autopilot that speaks MAVLink over UDP and TCP."
     )
-    parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
-    parser.add_argument("--connect", required=True, metavar="URI", help="udpout://HOST:PORT or udpin://HOST:PORT")
-    parser.add_argument("--bind", metavar="HOST:PORT", help="where udpout sends from (default 127.0.0.1:14580)")
-    parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record into this file")
-    parser.add_argument(
-        "--until-eof", action="store_true", help="end when standard input ends, so as not to outlive its starter"
-    )
-    parser.add_argument("--clock", choices=("realtime", "lockstep"), help="overrides clock.mode")
-    parser.add_argument("--speed", type=float, metavar="X", help="overrides clock.speed")
-    parser.add_argument("--seed", type=int, metavar="N", help="overrides seed")
-    parser.add_argument(
-        "--set",
+    add = parser.add_argument
+    add("config", type=Path, nargs="?", metavar="CONFIG", help="the run's YAML file")
+    add(
+        "--connect",
         action="append",
         default=[],
-        metavar="KEY=VALUE",
-        help="override one key, such as vehicle.wind.gust_correlation_s=3",
+        metavar="URI",
+        help="udpout://HOST:PORT, udpin://HOST:PORT or tcp://HOST:PORT (listens); may be given several times",
     )
+    add("--bind", metavar="HOST:PORT", help="where the first udpout sends from (default 127.0.0.1:14580)")
+    add("--truth", metavar="URI", help="udpout://HOST:PORT that gets HIL_STATE_QUATERNION, the true state, at 50 Hz")
+    add("--log", type=Path, metavar="FILE.mcap", help="record into this file")
+    add("--until-eof", action="store_true", help="end when standard input ends, so as not to outlive its starter")
+    add("--clock", choices=("realtime", "lockstep"), help="overrides clock.mode")
+    add("--speed", type=float, metavar="X", help="overrides clock.speed")
+    add("--seed", type=int, metavar="N", help="overrides seed")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="override one key, such as vehicle.system_id=7")
+    add("--paused", action="store_true", help="real time: begin paused (SIGUSR1 resumes, SIGUSR2 steps)")
+    add("--instance", type=int, default=0, metavar="I", help="adds I to system id and ports, as PX4's instances")
+    add("--count", type=int, default=1, metavar="N", help="start N vehicles, instances 0 to N-1")
+    add("--contract", action="store_true", help="print the state machine, modes and failsafes, and end")
+    add("--parameters", action="store_true", help="print the parameter table, and end")
+    add("--bench", type=float, nargs="?", const=60.0, metavar="SECONDS", help="print how fast the vehicle is, and end")
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit status 0 after a signal, 2 when configuration, log or port cannot be used."""
-    arguments = build_parser().parse_args(argv)
+    """Exit status 0 after a signal or a listing, 2 when configuration, log or port cannot be used."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    arguments = build_parser().parse_args(given)
     try:
-        return _fly(arguments)
+        if arguments.contract or arguments.parameters or arguments.bench is not None:
+            return _print(arguments)
+        _check(arguments)
+        return run_fleet(given, arguments.count, arguments.log) if arguments.count > 1 else _fly(arguments)
     except VehicleError as error:
         print(f"vehicle-sim: {error}", file=sys.stderr)
         return error.exit_status
 
 
+def _print(arguments: argparse.Namespace) -> int:
+    from vehicle_sim.bench import describe, run_bench
+    from vehicle_sim.listing import contract_text, parameters_text
+
+    if arguments.contract:
+        print(contract_text())
+    if arguments.parameters:
+        print(parameters_text())
+    if arguments.bench is not None:
+        config = load_run(arguments.config, _overrides(arguments)).vehicle if arguments.config is not None else None
+        print(describe(run_bench(max(1.0, arguments.bench), config)))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    if arguments.config is None:
+        raise ConfigError("CONFIG is missing; give the path of a run's YAML file")
+    if not arguments.connect:
+        raise ConfigError("--connect is missing; give where the clients are, such as udpout://127.0.0.1:14540")
+    if arguments.truth is not None and not arguments.truth.startswith("udpout://"):
+        raise ConfigError(f"--truth {arguments.truth}: must be udpout://HOST:PORT")
+    if not (1 <= arguments.count <= 200 and 0 <= arguments.instance <= 200):
+        raise ConfigError("--count must be 1 to 200 and --instance 0 to 200")
+
+
 def _fly(arguments: argparse.Namespace) -> int:
-    config = load_run(arguments.config, _overrides(arguments))
-    endpoints = parse_endpoints(arguments.connect, arguments.bind)
+    from vehicle_sim.pacing import Control
+    from vehicle_sim.protocol.node import Node
+    from vehicle_sim.protocol.signing import Signing, key_of
+    from vehicle_sim.recorder import Recorder
+    from vehicle_sim.server import Pace, Server
+    from vehicle_sim.transport import open_transport
+    from vehicle_sim.vehicle import Vehicle
+
+    config = _for_instance(load_run(arguments.config, _overrides(arguments)), arguments.instance)
+    endpoints = parse_endpoints(arguments.connect, arguments.bind, arguments.instance)
+    if arguments.truth is not None:
+        (truth_endpoint,) = parse_endpoints([arguments.truth], "127.0.0.1:0", arguments.instance)
+        endpoints.append(dataclasses.replace(truth_endpoint, bind=("127.0.0.1", 0)))
     stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: stop.append(received))
+    control = Control(paused=arguments.paused)
+    _listen_to_signals(stop, control)
     if arguments.until_eof:
         threading.Thread(target=_stop_at_eof, args=(stop,), daemon=True).start()
-    with open_socket(endpoints.bind) as sock:
+    with open_transport(endpoints) as transport:
         recorder = Recorder(arguments.log, config) if arguments.log is not None else None
         try:
+            sign = config.vehicle.signing
             node = Node(
                 Vehicle(config.vehicle, config.seed, config.period_us),
                 config.clock.mode == "lockstep",
                 recorder.sample if recorder is not None else None,
+                Signing(key_of(sign.passphrase), sign.epoch) if sign.passphrase else None,
             )
-            server = Server(sock, endpoints, node, _pace(config), recorder)
+            truth = transport.targets[-1] if arguments.truth is not None else None
+            pace = Pace(config.clock.mode == "lockstep", config.clock.speed, config.period_us)
+            server = Server(transport, node, pace, recorder, control, truth)
             gc.collect()
             gc.freeze()
-            host, port = sock.getsockname()
-            print(f"vehicle-sim ready on {host}:{port}", flush=True)
+            host, port = transport.address(0)
+            server.start()
+            print(f"vehicle-sim ready on {host}:{port}\n", end="", flush=True)
             server.run(lambda: bool(stop))
             if recorder is not None:
                 recorder.write(node.journal)
+            if config.clock.mode == "realtime":
+                print(server.schedule.report(), flush=True)
         finally:
             if recorder is not None:
                 recorder.close()
     return 0
 
 
+def _for_instance(config: RunConfig, instance: int) -> RunConfig:
+    if instance == 0:
+        return config
+    system_id = config.vehicle.system_id + instance
+    if system_id > 255:
+        raise ConfigError(f"--instance {instance}: system id {system_id} is more than 255; lower vehicle.system_id")
+    vehicle = dataclasses.replace(config.vehicle, system_id=system_id)
+    return dataclasses.replace(config, vehicle=vehicle, seed=config.seed + instance)
+
+
+def _listen_to_signals(stop: list[int], control: Any) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: stop.append(received))
+
+    def pause(_number: int, _frame: Any) -> None:
+        control.paused = not control.paused
+
+    def step(_number: int, _frame: Any) -> None:
+        control.steps += 1
+
+    signal.signal(signal.SIGUSR1, pause)
+    signal.signal(signal.SIGUSR2, step)
+
+
 def _stop_at_eof(stop: list[int]) -> None:
-    sys.stdin.buffer.read()
+    while os.read(0, 4096):  # not sys.stdin: its lock would be held when the interpreter ends
+        pass
     stop.append(signal.SIGTERM)
-
-
-def _pace(config: RunConfig) -> Pace:
-    return Pace(config.clock.mode == "lockstep", config.clock.speed, config.period_us)
 
 
 def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:

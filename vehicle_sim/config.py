@@ -17,84 +17,22 @@ from pydantic.dataclasses import dataclass
 
 from vehicle_sim.autopilot.parameters import find_parameter_problem
 from vehicle_sim.errors import ConfigError
+from vehicle_sim.parts import (
+    STRICT,
+    AirframeConfig,
+    BatteryConfig,
+    FailureConfig,
+    HomeConfig,
+    Positive,
+    SensorsConfig,
+    SigningConfig,
+    WindConfig,
+)
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 _LENIENT = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
 
-
-@dataclass(frozen=True, config=_STRICT)
-class AirframeConfig:
-    """An X quadcopter; the defaults are of the x500 class."""
-
-    mass_kg: Positive = 2.0
-    inertia_kgm2: Annotated[
-        tuple[Positive, Positive, Positive], Field(description="principal moments about forward, right, down")
-    ] = (0.0217, 0.0217, 0.04)
-    arm_m: Annotated[float, Field(gt=0, description="hub to motor")] = 0.246
-    thrust_coefficient_n_per_radps2: Annotated[float, Field(gt=0, description="thrust = k omega^2")] = 8.55e-6
-    torque_coefficient_m: Annotated[float, Field(gt=0, description="drag torque / thrust of a rotor")] = 0.016
-    motor_time_constant_s: Positive = 0.02
-    max_thrust_n: Annotated[float, Field(gt=0, description="of one rotor")] = 8.55
-    linear_drag_n_per_mps: Annotated[
-        tuple[NonNegative, NonNegative, NonNegative], Field(description="along forward, right, down")
-    ] = (0.19, 0.19, 0.1)
-    quadratic_drag_n_per_mps2: NonNegative = 0.02
-
-
-@dataclass(frozen=True, config=_STRICT)
-class WindConfig:
-    """Uniform mean wind and a first-order gust on each axis."""
-
-    mean_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gust_std_mps: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(description="east, north, up")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-    gust_correlation_s: Positive = 2.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class SensorsConfig:
-    """White noise of the raw sensors and first-order Gauss-Markov errors of the estimate."""
-
-    accelerometer_std_mps2: NonNegative = 0.05
-    gyroscope_std_radps: NonNegative = 0.002
-    magnetometer_std_gauss: NonNegative = 0.002
-    barometer_std_hpa: NonNegative = 0.02
-    gps_horizontal_std_m: NonNegative = 0.4
-    gps_vertical_std_m: NonNegative = 0.8
-    estimate_position_std_m: NonNegative = 0.02
-    estimate_velocity_std_mps: NonNegative = 0.02
-    estimate_attitude_std_rad: NonNegative = 0.003
-    estimate_correlation_s: Positive = 5.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class BatteryConfig:
-    """A lithium-polymer pack."""
-
-    cells: Annotated[int, Field(ge=1, le=14)] = 4
-    capacity_ah: Positive = 5.0
-    initial_charge: Annotated[float, Field(ge=0, le=1, description="state of charge at boot")] = 1.0
-    internal_resistance_ohm: NonNegative = 0.02
-    base_current_a: Annotated[float, Field(ge=0, description="avionics")] = 0.6
-    efficiency: Annotated[float, Field(gt=0, le=1, description="shaft power / electrical power")] = 0.75
-
-
-@dataclass(frozen=True, config=_STRICT)
-class HomeConfig:
-    """Where the local origin lies on the earth (WGS84)."""
-
-    latitude_deg: Annotated[float, Field(ge=-85, le=85)] = 47.397742
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545594
-    altitude_m: Annotated[float, Field(ge=-500, le=10000, description="above mean sea level")] = 488.0
-
-
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class VehicleConfig:
     """The section `vehicle:`."""
 
@@ -105,6 +43,8 @@ class VehicleConfig:
     home: HomeConfig = field(default_factory=HomeConfig)
     initial_yaw_deg: Annotated[float, Field(ge=-360, le=360, description="heading at boot, clockwise from north")] = 0.0
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    signing: SigningConfig = field(default_factory=SigningConfig)
+    failures: tuple[FailureConfig, ...] = ()
     parameters: Annotated[dict[str, float | int], Field(description="PX4 parameters by name")] = field(
         default_factory=dict
     )
@@ -155,11 +95,17 @@ _VEHICLE_ADAPTER = TypeAdapter(VehicleConfig)
 
 def vehicle_schema() -> dict[str, Any]:
     """The JSON Schema of the section `vehicle:`."""
-    return _VEHICLE_ADAPTER.json_schema()
+    schema = _VEHICLE_ADAPTER.json_schema()
+    airframe = schema["properties"]["airframe"]
+    schema["properties"]["airframe"] = {
+        "anyOf": [{"$ref": airframe["$ref"]}, {"type": "string", "description": "an airframe's YAML file"}]
+    }
+    return schema
 
 
 def parse_vehicle_section(mapping: Mapping[str, Any], where: str) -> VehicleConfig:
     """Check a `vehicle:` section; `where` (such as a file's name) begins the message of a `ConfigError`."""
+    mapping = _with_airframe_file(mapping, Path(where))
     try:
         config = _VEHICLE_ADAPTER.validate_json(json.dumps(mapping, default=str))
     except ValidationError as error:
@@ -179,6 +125,8 @@ def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfi
     data, root = _read_mapping(path)
     for key_path, value in (overrides or {}).items():
         _set_value(data, key_path, value, path)
+    if isinstance(data.get("vehicle"), dict):
+        data["vehicle"] = _with_airframe_file(data["vehicle"], path)
     try:
         config = _RUN_ADAPTER.validate_json(json.dumps(data, default=str))
     except ValidationError as error:
@@ -197,6 +145,20 @@ def run_as_dict(config: RunConfig) -> dict[str, Any]:
     """Plain data for the log's metadata."""
     data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
     return data
+
+
+def _with_airframe_file(section: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
+    """The section with `airframe: FILE` replaced by what that file, found beside the run's file, says."""
+    named = section.get("airframe")
+    if not isinstance(named, str):
+        return section
+    file = path.parent / named
+    airframe = _read_mapping(file)[0]
+    try:
+        TypeAdapter(AirframeConfig).validate_json(json.dumps(airframe, default=str))
+    except ValidationError as error:
+        raise ConfigError(f"{file}: {_explain(error, ())[1]}") from error
+    return {**section, "airframe": airframe}
 
 
 def _check_period(config: RunConfig, path: Path, root: yaml.Node) -> None:

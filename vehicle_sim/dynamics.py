@@ -7,11 +7,11 @@ Input u: the rotors' wrench (thrust along -z body, torques about forward, right,
     q_dot = q (0, w) / 2        J w_dot = tau - w x J w
 """
 
-from dataclasses import dataclass
 from math import exp, sqrt
 from typing import NamedTuple
 
-from vehicle_sim.config import AirframeConfig
+from vehicle_sim.compiled import inlined
+from vehicle_sim.parts import AirframeConfig
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_from_euler, rotate_back, yaw_of
 from vehicle_sim.rotors import Wrench
 
@@ -58,8 +58,7 @@ class State(NamedTuple):
         return self[10:13]
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(NamedTuple):
     """Mass, principal moments and drag, taken from the airframe once."""
 
     mass_kg: float
@@ -80,6 +79,7 @@ def state_at_rest(yaw_rad: float) -> State:
     return State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *quaternion_from_euler(0.0, 0.0, yaw_rad), 0.0, 0.0, 0.0)
 
 
+@inlined
 def state_derivative(x: State, wrench: Wrench, wind_ned_mps: Vector, body: Body) -> State:
     """f(x, u; body) of the module's equation."""
     _, _, _, vn, ve, vd, w, i, j, k, p, q, r = x
@@ -112,6 +112,7 @@ def state_derivative(x: State, wrench: Wrench, wind_ned_mps: Vector, body: Body)
     )
 
 
+@inlined
 def advance(x: State, x_dot: State, dt_s: float) -> State:
     """x + dt x_dot, attitude normalised."""
     n, e, d, vn, ve, vd, w, i, j, k, p, q, r = x
@@ -135,12 +136,14 @@ def advance(x: State, x_dot: State, dt_s: float) -> State:
     )
 
 
+@inlined
 def step_free(x: State, wrench: Wrench, wind_ned_mps: Vector, body: Body, dt_s: float) -> State:
     """One midpoint (second-order Runge-Kutta) step in free air, u held."""
     middle = advance(x, state_derivative(x, wrench, wind_ned_mps, body), 0.5 * dt_s)
     return advance(x, state_derivative(middle, wrench, wind_ned_mps, body), dt_s)
 
 
+@inlined
 def rest_on_ground(x: State, dt_s: float) -> State:
     """Keep the body on or above the plane d = 0.
 
@@ -153,11 +156,11 @@ def rest_on_ground(x: State, dt_s: float) -> State:
     speed = sqrt(vn * vn + ve * ve)
     slide = max(0.0, 1.0 - _FRICTION * GRAVITY_MPS2 * dt_s / speed) if speed > 0.0 else 0.0
     keep = exp(-dt_s / _SETTLE_S)
-    q_wb = x.q_wb_wxyz
+    q_wb = (x.qw, x.qx, x.qy, x.qz)
     level = quaternion_from_euler(0.0, 0.0, yaw_of(q_wb))
-    if sum(a * b for a, b in zip(q_wb, level, strict=True)) < 0.0:
+    if q_wb[0] * level[0] + q_wb[1] * level[1] + q_wb[2] * level[2] + q_wb[3] * level[3] < 0.0:
         level = (-level[0], -level[1], -level[2], -level[3])
-    q_wb = normalize(
+    w, i, j, k = normalize(
         (
             level[0] + (q_wb[0] - level[0]) * keep,
             level[1] + (q_wb[1] - level[1]) * keep,
@@ -165,9 +168,10 @@ def rest_on_ground(x: State, dt_s: float) -> State:
             level[3] + (q_wb[3] - level[3]) * keep,
         )
     )
-    return State(x.n, x.e, 0.0, vn * slide, ve * slide, vd, *q_wb, x.p * keep, x.q * keep, x.r * keep)
+    return State(x.n, x.e, 0.0, vn * slide, ve * slide, vd, w, i, j, k, x.p * keep, x.q * keep, x.r * keep)
 
 
+@inlined
 def specific_force(before: State, after: State, dt_s: float) -> Vector:
     """What an accelerometer feels over a step: Rᵀ ((v' - v) / dt - g), body axes, m/s^2."""
     acceleration = (
@@ -175,4 +179,4 @@ def specific_force(before: State, after: State, dt_s: float) -> Vector:
         (after.ve - before.ve) / dt_s,
         (after.vd - before.vd) / dt_s - GRAVITY_MPS2,
     )
-    return rotate_back(after.q_wb_wxyz, acceleration)
+    return rotate_back((after.qw, after.qx, after.qy, after.qz), acceleration)

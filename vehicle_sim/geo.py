@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import cos, degrees, radians, sin, sqrt
 from typing import NamedTuple
 
-from vehicle_sim.config import HomeConfig
+from vehicle_sim.parts import HomeConfig
 from vehicle_sim.rotation import Vector
 
 _SEMI_MAJOR_M = 6378137.0

@@ -1,34 +1,26 @@
-"""Seeded standard normal numbers: one independent stream a source, drawn in blocks so that one number costs next to nothing."""
-
-from collections.abc import Iterator
+"""Seeded standard normal numbers: one independent stream a source, drawn in blocks of rows."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-_BLOCK = 1024
-
-
-class NoiseSource:
-    """Standard normal numbers of one stream."""
-
-    def __init__(self, sequence: np.random.SeedSequence) -> None:
-        self._numbers = _numbers(np.random.default_rng(sequence))
-
-    def one(self) -> float:
-        """The next number."""
-        return next(self._numbers)
-
-    def three(self) -> tuple[float, float, float]:
-        """The next three numbers."""
-        numbers = self._numbers
-        return (next(numbers), next(numbers), next(numbers))
+Array = NDArray[np.float64]
 
 
-def spawn_sources(seed: int, names: tuple[str, ...]) -> dict[str, NoiseSource]:
-    """One source a name. A stream depends on the seed and the name's place, not on how much the others drew."""
-    children = np.random.SeedSequence(seed).spawn(len(names))
-    return {name: NoiseSource(child) for name, child in zip(names, children, strict=True)}
+class NoiseTable:
+    """Rows of normal numbers, one row a step, each source in columns of its own."""
 
+    def __init__(self, seed: int, sources: tuple[tuple[str, int], ...], rows: int) -> None:
+        """`sources` are (name, columns). A stream depends on the seed and the name's place, not on how much the others drew."""
+        children = np.random.SeedSequence(seed).spawn(len(sources))
+        self._generators = [np.random.default_rng(child) for child in children]
+        self._widths = [width for _, width in sources]
+        self.rows = rows
+        self.values: Array = np.zeros((rows, sum(self._widths)))
+        self.refill()
 
-def _numbers(generator: np.random.Generator) -> Iterator[float]:
-    while True:
-        yield from generator.standard_normal(_BLOCK).tolist()
+    def refill(self) -> None:
+        """The next block of rows, in place."""
+        at = 0
+        for generator, width in zip(self._generators, self._widths, strict=True):
+            self.values[:, at : at + width] = generator.standard_normal((self.rows, width))
+            at += width

@@ -14,11 +14,11 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from vehicle_sim.autopilot.commander import Severity, Text
+from vehicle_sim.autopilot.results import Severity, Text
 from vehicle_sim.config import RunConfig, run_as_dict
 from vehicle_sim.errors import VehicleError
-from vehicle_sim.node import Journal
 from vehicle_sim.proto.vehicle_telemetry_pb2 import VehicleTelemetry
+from vehicle_sim.protocol.node import Journal
 from vehicle_sim.rotation import enu_flu_from_ned_frd, euler_from_quaternion
 from vehicle_sim.vehicle import Vehicle
 
@@ -138,7 +138,7 @@ def _telemetry(vehicle: Vehicle) -> bytes:
         setpoint_east_m=setpoint.position_ned_m[1],
         setpoint_down_m=setpoint.position_ned_m[2],
         setpoint_yaw_rad=setpoint.yaw_rad,
-        thrust_demand=pilot.demand.thrust,
+        thrust_demand=float(vehicle.flight.demand[0]),
         rotor_1_radps=speeds[0],
         rotor_2_radps=speeds[1],
         rotor_3_radps=speeds[2],

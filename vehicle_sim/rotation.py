@@ -1,10 +1,9 @@
-"""Unit quaternions q_wb_wxyz (body FRD to local NED) on plain floats.
-
-Plain tuples because the physics calls these several hundred times a simulated second; numpy costs ten times as much there.
-"""
+"""Unit quaternions q_wb_wxyz (body FRD to local NED) on plain tuples of floats, for Python and for the flight kernel alike."""
 
 from math import asin, atan2, copysign, cos, sin, sqrt
 from typing import NamedTuple
+
+from vehicle_sim.compiled import inlined
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -19,6 +18,7 @@ class Euler(NamedTuple):
     yaw_rad: float
 
 
+@inlined
 def quaternion_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a b."""
     aw, ax, ay, az = a
@@ -31,6 +31,7 @@ def quaternion_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
+@inlined
 def normalize(q: Quaternion) -> Quaternion:
     """The unit quaternion of the same rotation. Raises `ZeroDivisionError` for the zero quaternion."""
     w, x, y, z = q
@@ -38,6 +39,7 @@ def normalize(q: Quaternion) -> Quaternion:
     return (w * scale, x * scale, y * scale, z * scale)
 
 
+@inlined
 def rotate(q: Quaternion, v: Vector) -> Vector:
     """R(q) v: a body vector in world axes for q_wb."""
     w, x, y, z = q
@@ -48,12 +50,14 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
     return (a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx)
 
 
+@inlined
 def rotate_back(q: Quaternion, v: Vector) -> Vector:
     """R(q)ᵀ v: a world vector in body axes for q_wb."""
     w, x, y, z = q
     return rotate((w, -x, -y, -z), v)
 
 
+@inlined
 def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
     """q_wb of yaw, then pitch, then roll."""
     cr, sr = cos(roll_rad / 2), sin(roll_rad / 2)
@@ -67,6 +71,7 @@ def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> 
     )
 
 
+@inlined
 def euler_from_quaternion(q: Quaternion) -> Euler:
     """Inverse of `quaternion_from_euler` for |pitch| < 90 deg."""
     w, x, y, z = q
@@ -77,12 +82,14 @@ def euler_from_quaternion(q: Quaternion) -> Euler:
     )
 
 
+@inlined
 def yaw_of(q: Quaternion) -> float:
     """Heading, radians clockwise from north."""
     w, x, y, z = q
     return atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+@inlined
 def quaternion_from_axes(x_b: Vector, y_b: Vector, z_b: Vector) -> Quaternion:
     """q_wb of a frame whose axes, in world coordinates, are `x_b, y_b, z_b` (the columns of R_wb)."""
     trace = x_b[0] + y_b[1] + z_b[2]
@@ -104,6 +111,7 @@ def enu_flu_from_ned_frd(q: Quaternion) -> Quaternion:
     return normalize(quaternion_multiply(quaternion_multiply((0.0, _HALF, _HALF, 0.0), q), (0.0, 1.0, 0.0, 0.0)))
 
 
+@inlined
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in (-pi, pi]."""
     return atan2(sin(angle_rad), cos(angle_rad))

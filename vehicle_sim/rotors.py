@@ -9,11 +9,11 @@ Order as PX4: 1 front right, 2 rear left (both counter-clockwise seen from above
 3 front left, 4 rear right (s = -1).
 """
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
-from vehicle_sim.config import AirframeConfig
+from vehicle_sim.compiled import inlined
+from vehicle_sim.parts import AirframeConfig
 
 Four = tuple[float, float, float, float]
 
@@ -41,14 +41,13 @@ class Demand(NamedTuple):
     yaw: float
 
 
-@dataclass(frozen=True)
-class RotorModel:
-    """Numbers of the four rotors, taken from the airframe once."""
+class RotorModel(NamedTuple):
+    """Numbers of the four rotors, taken from the airframe once. `max_speed_radps` is that of full thrust and full voltage."""
 
     thrust_coefficient: float
     lever_m: float
     torque_coefficient_m: float
-    max_thrust_n: float
+    max_speed_radps: float
     time_constant_s: float
 
     @classmethod
@@ -58,47 +57,52 @@ class RotorModel:
             airframe.thrust_coefficient_n_per_radps2,
             airframe.arm_m * sqrt(0.5),
             airframe.torque_coefficient_m,
-            airframe.max_thrust_n,
+            sqrt(airframe.max_thrust_n / airframe.thrust_coefficient_n_per_radps2),
             airframe.motor_time_constant_s,
         )
 
-    @property
-    def max_speed_radps(self) -> float:
-        """Speed at full thrust and full voltage."""
-        return sqrt(self.max_thrust_n / self.thrust_coefficient)
 
-    def wrench(self, speeds_radps: Four) -> Wrench:
-        """Thrust and torque of the rotors at these speeds."""
-        a, b, c, d = speeds_radps
-        k = self.thrust_coefficient
-        t1, t2, t3, t4 = k * a * a, k * b * b, k * c * c, k * d * d
-        lever = self.lever_m
-        return Wrench(
-            t1 + t2 + t3 + t4,
-            lever * (t2 + t3 - t1 - t4),
-            lever * (t1 + t3 - t2 - t4),
-            self.torque_coefficient_m * (t1 + t2 - t3 - t4),
-        )
-
-    def speed_targets(self, fractions: Four, speed_limit_radps: float) -> Four:
-        """Speeds that give these fractions of full thrust, none above the limit that the battery's voltage sets."""
-        top, limit = self.max_speed_radps, speed_limit_radps
-        a, b, c, d = fractions
-        return (
-            min(limit, top * sqrt(a)),
-            min(limit, top * sqrt(b)),
-            min(limit, top * sqrt(c)),
-            min(limit, top * sqrt(d)),
-        )
+@inlined
+def rotor_wrench(speeds_radps: Four, rotors: RotorModel) -> Wrench:
+    """Thrust and torque of the rotors at these speeds."""
+    a, b, c, d = speeds_radps
+    k = rotors.thrust_coefficient
+    t1, t2, t3, t4 = k * a * a, k * b * b, k * c * c, k * d * d
+    lever = rotors.lever_m
+    return Wrench(
+        t1 + t2 + t3 + t4,
+        lever * (t2 + t3 - t1 - t4),
+        lever * (t1 + t3 - t2 - t4),
+        rotors.torque_coefficient_m * (t1 + t2 - t3 - t4),
+    )
 
 
-def lag_speeds(speeds_radps: Four, targets_radps: Four, keep: float) -> Four:
-    """One step of the first-order lag, exact for constant targets: keep = exp(-dt / time_constant)."""
+@inlined
+def speed_targets(fractions: Four, top_radps: float, limit_radps: float) -> Four:
+    """Speeds that give these fractions of full thrust, none above the limit that the battery's voltage sets."""
+    a, b, c, d = fractions
+    return (
+        min(limit_radps, top_radps * sqrt(a)),
+        min(limit_radps, top_radps * sqrt(b)),
+        min(limit_radps, top_radps * sqrt(c)),
+        min(limit_radps, top_radps * sqrt(d)),
+    )
+
+
+@inlined
+def lag_speeds(speeds_radps: Four, targets_radps: Four, keep_up: float, keep_down: float) -> Four:
+    """One step of the first-order lag, exact for constant targets: keep = exp(-dt / time_constant), apart for up and down."""
     a, b, c, d = speeds_radps
     ta, tb, tc, td = targets_radps
-    return (ta + (a - ta) * keep, tb + (b - tb) * keep, tc + (c - tc) * keep, td + (d - td) * keep)
+    return (
+        ta + (a - ta) * (keep_up if ta > a else keep_down),
+        tb + (b - tb) * (keep_up if tb > b else keep_down),
+        tc + (c - tc) * (keep_up if tc > c else keep_down),
+        td + (d - td) * (keep_up if td > d else keep_down),
+    )
 
 
+@inlined
 def mix(demand: Demand) -> Four:
     """Fractions 0..1 of full thrust for the four rotors.
 
@@ -125,6 +129,7 @@ def unmix(fractions: Four) -> Demand:
     return Demand((a + b + c + d) / 4, (b + c - a - d) / 4, (a + c - b - d) / 4, (a + b - c - d) / 4)
 
 
+@inlined
 def _yaw_room(a: float, b: float, c: float, d: float) -> float:
     """Largest |yaw| that keeps the spread of (a + yaw, b + yaw, c - yaw, d - yaw) within 1, for either sign.
 
@@ -134,5 +139,6 @@ def _yaw_room(a: float, b: float, c: float, d: float) -> float:
     return max(0.0, (1.0 - across) / 2)
 
 
+@inlined
 def _unit(value: float) -> float:
     return 0.0 if value < 0.0 else 1.0 if value > 1.0 else value

@@ -6,17 +6,15 @@ filter leaves over. Raw sensors feed the telemetry (HIGHRES_IMU, GPS_RAW_INT, SC
     b' = a b + sigma sqrt(1 - a^2) n,  a = exp(-dt / T)
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from math import exp, sqrt
+from math import exp, pow, sqrt
 from typing import NamedTuple
 
-from vehicle_sim.config import SensorsConfig
+from vehicle_sim.compiled import inlined
 from vehicle_sim.dynamics import State
-from vehicle_sim.noise import NoiseSource
+from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_multiply, rotate_back
+from vehicle_sim.wind import next_value
 
-SENSOR_SOURCES = ("estimate", "gyroscope", "accelerometer", "magnetometer", "barometer", "gps")
 #: Earth's field in NED (gauss), mid-European.
 MAGNETIC_FIELD_NED_GAUSS: Vector = (0.212, 0.012, 0.427)
 _SEA_LEVEL_HPA = 1013.25
@@ -42,17 +40,8 @@ class Readings(NamedTuple):
     gps_ned_m: Vector
 
 
-class EstimateError(NamedTuple):
-    """Gauss-Markov errors: position (m), velocity (m/s), small rotation about body axes (rad)."""
-
-    position_m: Vector
-    velocity_mps: Vector
-    attitude_rad: Vector
-
-
-@dataclass(frozen=True)
-class ErrorModel:
-    """The Gauss-Markov recursion for one fixed step."""
+class ErrorModel(NamedTuple):
+    """The Gauss-Markov recursion of the estimate's errors for one fixed step: position, velocity, small rotation about body axes."""
 
     keep: float
     position_kick_m: float
@@ -61,7 +50,7 @@ class ErrorModel:
 
     @classmethod
     def of(cls, config: SensorsConfig, dt_s: float) -> "ErrorModel":
-        """Standard deviations and correlation time of the configuration."""
+        """Standard deviations and correlation time of the configuration; an endless step gives the stationary spread."""
         keep = exp(-dt_s / config.estimate_correlation_s)
         spread = sqrt(1.0 - keep * keep)
         return cls(
@@ -71,76 +60,54 @@ class ErrorModel:
             config.estimate_attitude_std_rad * spread,
         )
 
-    def next_error(self, error: EstimateError, noise: NoiseSource) -> EstimateError:
-        """The errors one step later."""
-        return EstimateError(
-            self._next(error.position_m, self.position_kick_m, noise.three()),
-            self._next(error.velocity_mps, self.velocity_kick_mps, noise.three()),
-            self._next(error.attitude_rad, self.attitude_kick_rad, noise.three()),
-        )
 
-    def _next(self, value: Vector, kick: float, normal: Vector) -> Vector:
-        a = self.keep
-        return (a * value[0] + kick * normal[0], a * value[1] + kick * normal[1], a * value[2] + kick * normal[2])
+class EstimateError(NamedTuple):
+    """Gauss-Markov errors: position (m), velocity (m/s), small rotation about body axes (rad)."""
+
+    position_m: Vector
+    velocity_mps: Vector
+    attitude_rad: Vector
 
 
-NO_ERROR = EstimateError((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+@inlined
+def next_error(error: EstimateError, model: ErrorModel, first: Vector, second: Vector, third: Vector) -> EstimateError:
+    """The errors one step later, from nine standard normal numbers."""
+    a, p, v, r = model.keep, model.position_kick_m, model.velocity_kick_mps, model.attitude_kick_rad
+    return EstimateError(
+        next_value(error.position_m, a, (p, p, p), first),
+        next_value(error.velocity_mps, a, (v, v, v), second),
+        next_value(error.attitude_rad, a, (r, r, r), third),
+    )
 
 
-def initial_error(config: SensorsConfig, noise: NoiseSource) -> EstimateError:
-    """Errors drawn from their stationary distribution, so that boot is not special."""
-    return ErrorModel(
-        0.0, config.estimate_position_std_m, config.estimate_velocity_std_mps, config.estimate_attitude_std_rad
-    ).next_error(NO_ERROR, noise)
-
-
-def estimate_of(x: State, error: EstimateError, omega_wb_b_radps: Vector) -> Estimate:
+@inlined
+def believed(x: State, error: EstimateError, omega_wb_b_radps: Vector) -> State:
     """Truth plus error; the rates are the gyroscope's."""
-    dp, dv, da = error
-    tilt = (1.0, 0.5 * da[0], 0.5 * da[1], 0.5 * da[2])
-    return Estimate(
-        (x.n + dp[0], x.e + dp[1], x.d + dp[2]),
-        (x.vn + dv[0], x.ve + dv[1], x.vd + dv[2]),
-        normalize(quaternion_multiply(x.q_wb_wxyz, tilt)),
-        omega_wb_b_radps,
-    )
+    dp, dv, da = error.position_m, error.velocity_mps, error.attitude_rad
+    w, i, j, k = normalize(quaternion_multiply((x.qw, x.qx, x.qy, x.qz), (1.0, 0.5 * da[0], 0.5 * da[1], 0.5 * da[2])))
+    p, q, r = omega_wb_b_radps
+    return State(x.n + dp[0], x.e + dp[1], x.d + dp[2], x.vn + dv[0], x.ve + dv[1], x.vd + dv[2], w, i, j, k, p, q, r)
 
 
-def noisy(value: Vector, std: float, noise: NoiseSource) -> Vector:
+@inlined
+def noisy(value: Vector, std: float, normal: Vector) -> Vector:
     """A three-axis reading with white noise."""
-    a, b, c = noise.three()
-    return (value[0] + std * a, value[1] + std * b, value[2] + std * c)
+    return (value[0] + std * normal[0], value[1] + std * normal[1], value[2] + std * normal[2])
 
 
-def read_sensors(
-    x: State,
-    specific_force_mps2: Vector,
-    config: SensorsConfig,
-    ground_altitude_m: float,
-    noise: Mapping[str, NoiseSource],
-) -> Readings:
-    """Sample every sensor; `ground_altitude_m` is the local origin's, above mean sea level."""
-    a, b, c = noise["gps"].three()
-    horizontal, vertical = config.gps_horizontal_std_m, config.gps_vertical_std_m
-    return Readings(
-        noisy(specific_force_mps2, config.accelerometer_std_mps2, noise["accelerometer"]),
-        noisy(x.omega_wb_b_radps, config.gyroscope_std_radps, noise["gyroscope"]),
-        noisy(magnetic_field(x), config.magnetometer_std_gauss, noise["magnetometer"]),
-        pressure_hpa(ground_altitude_m - x.d) + config.barometer_std_hpa * noise["barometer"].one(),
-        (x.n + horizontal * a, x.e + horizontal * b, x.d + vertical * c),
-    )
-
-
+@inlined
 def magnetic_field(x: State) -> Vector:
     """Earth's field in body axes, gauss."""
-    return rotate_back(x.q_wb_wxyz, MAGNETIC_FIELD_NED_GAUSS)
+    return rotate_back((x.qw, x.qx, x.qy, x.qz), MAGNETIC_FIELD_NED_GAUSS)
 
 
+@inlined
 def pressure_hpa(altitude_m: float) -> float:
     """Standard atmosphere, static pressure at an altitude above mean sea level."""
-    return _SEA_LEVEL_HPA * float((1.0 - 2.25577e-5 * altitude_m) ** 5.25588)
+    return _SEA_LEVEL_HPA * pow(1.0 - 2.25577e-5 * altitude_m, 5.25588)
 
 
+@inlined
 def pressure_altitude_m(hpa: float) -> float:
     """Inverse of `pressure_hpa`."""
-    return (1.0 - float((hpa / _SEA_LEVEL_HPA) ** (1.0 / 5.25588))) / 2.25577e-5
+    return (1.0 - pow(hpa / _SEA_LEVEL_HPA, 1.0 / 5.25588)) / 2.25577e-5

@@ -1,36 +1,32 @@
-"""The only socket and the only wall clock of the vehicle.
+"""The loop that moves the vehicle's time and carries its datagrams. The only wall clock besides the recorder's.
 
-Real time: simulation time = wall time x speed, on an absolute schedule, resynchronised when it is late by more than 0.1 s.
-Lockstep: simulation time advances one control period for each setpoint of the peer whose `time_boot_ms` is the vehicle's time;
-one datagram in, one out; a retry is answered with the same bytes. A peer that falls silent for 5 s leaves the vehicle in real time.
+Real time: see `pacing`. Lockstep: simulation time advances one control period for each setpoint of the peer whose `time_boot_ms` is the
+vehicle's time; one datagram in, one out; a retry is answered with the same bytes. A peer that falls silent for 5 s leaves the vehicle in
+real time.
 """
 
-import select
-import socket
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.endpoints import Address, Endpoints
-from vehicle_sim.errors import EndpointError
-from vehicle_sim.mavlink_codec import Codec, Received
-from vehicle_sim.node import Node
+from vehicle_sim.pacing import Control, Schedule
+from vehicle_sim.protocol.codec import Received
+from vehicle_sim.protocol.node import Node
+from vehicle_sim.protocol.session import Session
 from vehicle_sim.recorder import Recorder
-from vehicle_sim.session import Session
-from vehicle_sim.telemetry import heartbeat, system_time
+from vehicle_sim.telemetry.status import heartbeat, system_time
+from vehicle_sim.telemetry.streams import TRUTH_STREAMS
+from vehicle_sim.transport import Client, Transport
+from vehicle_sim.vehicle import Vehicle
 
 ANNOUNCE_S = 0.1
 PEER_SILENCE_S = 5.0
 CLIENT_SILENCE_S = 30.0
 MAX_CLIENTS = 16
-_LATE_S = 0.1
 _WAIT_S = 0.05
-_MAX_DATAGRAM = 65535
-_REALTIME_BATCH_US = 10_000
-_MIN_WALL_BATCH_S = 0.002
-_SAFE_DATAGRAM = 1400
 
 
 @dataclass(frozen=True)
@@ -42,41 +38,52 @@ class Pace:
     period_us: int
 
 
-def open_socket(bind: Address) -> socket.socket:
-    """A bound, non-blocking UDP socket. Raises `EndpointError` when the port is taken or the host unknown."""
-    sock = None
-    try:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.bind(bind)
-    except OSError as error:
-        if sock is not None:
-            sock.close()
-        raise EndpointError(
-            f"{bind[0]}:{bind[1]} cannot be bound ({error.strerror or error}); end the program that holds the port or choose "
-            "another with --bind"
-        ) from error
-    sock.setblocking(False)
-    return sock
-
-
 class Server:
-    """Carries datagrams between one socket and one `Node`."""
+    """Carries datagrams between the sockets and one `Node`. `truth` is a client that gets the true state and nothing else."""
 
     def __init__(
-        self, sock: socket.socket, endpoints: Endpoints, node: Node, pace: Pace, recorder: Recorder | None
+        self,
+        transport: Transport,
+        node: Node,
+        pace: Pace,
+        recorder: Recorder | None,
+        control: Control | None = None,
+        truth: Client | None = None,
     ) -> None:
-        self._socket = sock
+        self._transport = transport
         self._node = node
         self._pace = pace
         self._recorder = recorder
-        self._target = _resolve(endpoints.target) if endpoints.target is not None else None
-        self._peer: Address | None = self._target
-        self._heard_s: dict[Address, float] = {}
-        self._listener = Codec(node.vehicle.config.system_id)
+        self._control = control or Control()
+        self._targets = [client for client in transport.targets if client != truth]
+        self._peer: Client | None = self._targets[0] if self._targets else None
+        self._heard_s: dict[Client, float] = {}
+        self._listener = node.new_codec()
         self._last_datagram = b""
         self._announcement = b""
-        if self._target is not None:
-            self._welcome(self._target)
+        self.schedule = Schedule(pace.speed, node.vehicle.step_us)
+        for target in self._targets:
+            self._welcome(target)
+        if truth is not None:
+            self._targets.append(truth)
+            self._heard_s[truth] = monotonic()
+            node.sessions[truth] = Session(node.vehicle, node.new_codec(), TRUTH_STREAMS)
+
+    def start(self) -> None:
+        """Say hello, then load the kernel. One that must be compiled first is replaced by plain Python until it has been."""
+        vehicle = self._node.vehicle
+        if self._pace.lockstep:
+            self._announcement = self._last_datagram = self._announce()
+            self._send_announcement()
+        else:
+            for target in self._targets:
+                self._node.session(target).send(heartbeat(vehicle))
+            self._send_all()
+        if vehicle.is_quick_to_start:
+            vehicle.warm_up()
+        else:
+            vehicle.fly_compiled(False)
+            threading.Thread(target=_compile, args=(vehicle,), daemon=True).start()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve until `stopped()`."""
@@ -88,22 +95,20 @@ class Server:
         self._run_realtime(stopped)
 
     def _run_realtime(self, stopped: Callable[[], bool]) -> None:
-        node, speed = self._node, self._pace.speed
-        step_us = node.vehicle.step_us
-        batch_us = max(_REALTIME_BATCH_US, round(_MIN_WALL_BATCH_S * speed * 1e6))
-        batch_us = max(step_us, batch_us // step_us * step_us)
-        batch_s = batch_us * 1e-6 / speed
-        deadline_s = monotonic() + batch_s
+        node, schedule, control = self._node, self.schedule, self._control
+        schedule.start(monotonic())
         while not stopped():
-            self._receive_until(deadline_s, stopped)
-            node.advance_to(node.vehicle.t_us + batch_us)
-            self._send_all()
+            self._receive_until(schedule.deadline_s, stopped)
             now_s = monotonic()
+            if control.paused and control.steps == 0:
+                schedule.start(now_s)
+            else:
+                control.steps -= control.steps > 0
+                schedule.passed(now_s)
+                node.advance_to(node.vehicle.t_us + schedule.batch_us)
+            self._send_all()
             self._forget_silent(now_s)
             self._record()
-            deadline_s += batch_s
-            if now_s - deadline_s > _LATE_S:
-                deadline_s = now_s + batch_s
 
     def _record(self) -> None:
         if self._recorder is not None:
@@ -113,21 +118,19 @@ class Server:
 
     def _receive_until(self, deadline_s: float, stopped: Callable[[], bool]) -> None:
         while not stopped():
-            for address, datagram in self._receive(max(0.0, deadline_s - monotonic())):
-                for received in self._decode(address, datagram):
-                    self._node.handle(address, received)
+            for client, datagram in self._transport.receive(min(_WAIT_S, max(0.0, deadline_s - monotonic()))):
+                for received in self._decode(client, datagram):
+                    self._node.handle(client, received)
             if monotonic() >= deadline_s:
                 return
 
     def _run_lockstep(self, stopped: Callable[[], bool]) -> None:
         """Returns when the peer has fallen silent after its first tick."""
-        self._announcement = self._last_datagram = self._announce()
         announced_s = ticked_s = monotonic()
         ticking = False
-        self._send_announcement()
         while not stopped():
-            for address, datagram in self._receive(_WAIT_S):
-                if self._take_lockstep(address, datagram):
+            for client, datagram in self._transport.receive(_WAIT_S):
+                if self._take_lockstep(client, datagram):
                     ticking, ticked_s = True, monotonic()
             now_s = monotonic()
             if ticking and now_s - ticked_s > PEER_SILENCE_S:
@@ -138,32 +141,39 @@ class Server:
             self._forget_silent(now_s)
             self._record()
 
-    def _take_lockstep(self, address: Address, datagram: bytes) -> bool:
+    def _take_lockstep(self, client: Client, datagram: bytes) -> bool:
         """Handle one datagram; true when it was the peer's tick or its retry."""
-        messages = self._decode(address, datagram)
+        messages = self._decode(client, datagram)
         tick_ms = self._tick_of(messages)
         if self._peer is None and tick_ms is not None:
-            self._peer = address
-        if address != self._peer or tick_ms is None:
+            self._peer = client
+        if client != self._peer or tick_ms is None:
             for received in messages:
-                self._node.handle(address, received)
+                self._node.handle(client, received)
             return False
         vehicle = self._node.vehicle
         now_ms = vehicle.t_us // 1000
         if tick_ms > now_ms:
             return False
         if tick_ms < now_ms:
-            self._send(address, self._last_datagram)
+            self._send_to_peer(client, self._last_datagram)
             return True
         for received in messages:
-            self._node.handle(address, received)
+            self._node.handle(client, received)
         self._node.advance_to(vehicle.t_us + self._pace.period_us)
-        session = self._node.session(address)
+        session = self._node.session(client)
         session.send(system_time(vehicle))
         self._last_datagram = b"".join(self._node.take(session))
-        self._send(address, self._last_datagram)
-        self._send_all(except_for=address)
+        self._send_to_peer(client, self._last_datagram)
+        self._send_all(except_for=client)
         return True
+
+    def _send_to_peer(self, client: Client, datagram: bytes) -> None:
+        """One datagram, however long: the last frame is what the peer waits for."""
+        if self._transport.is_datagram(client):
+            self._transport.send_datagram(client, datagram)
+        else:
+            self._transport.send(client, [datagram])
 
     def _tick_of(self, messages: list[Received]) -> int | None:
         """`time_boot_ms` of the last setpoint addressed to this vehicle."""
@@ -178,81 +188,44 @@ class Server:
     def _announce(self) -> bytes:
         """HEARTBEAT and SYSTEM_TIME(0) with the first two sequence numbers of the peer's session; journalled once."""
         vehicle = self._node.vehicle
-        codec = Codec(vehicle.config.system_id)
+        codec = self._node.new_codec()
         frames = [codec.encode(heartbeat(vehicle)), codec.encode(system_time(vehicle))]
         self._node.journal.sent.extend((vehicle.t_us, frame) for frame in frames)
         return b"".join(frames)
 
     def _send_announcement(self) -> None:
-        for address in [self._target] if self._target is not None else list(self._heard_s):
-            self._send(address, self._announcement)
+        for client in self._targets or list(self._heard_s):
+            self._send_to_peer(client, self._announcement)
 
-    def _receive(self, wait_s: float) -> list[tuple[Address, bytes]]:
-        ready, _, _ = select.select([self._socket], [], [], min(wait_s, _WAIT_S))
-        datagrams: list[tuple[Address, bytes]] = []
-        while ready and len(datagrams) < 64:
-            try:
-                datagram, address = self._socket.recvfrom(_MAX_DATAGRAM)
-            except BlockingIOError:
-                break
-            except ConnectionError:
-                continue
-            datagrams.append((address, datagram))
-        return datagrams
-
-    def _decode(self, address: Address, datagram: bytes) -> list[Received]:
+    def _decode(self, client: Client, datagram: bytes) -> list[Received]:
         """A datagram's messages. An address becomes a client with its first valid one."""
         messages = self._listener.decode(datagram)
-        if messages and (address in self._heard_s or len(self._heard_s) < MAX_CLIENTS):
-            self._welcome(address)
+        if messages and (client in self._heard_s or len(self._heard_s) < MAX_CLIENTS):
+            self._welcome(client)
             return messages
         return []
 
-    def _welcome(self, address: Address) -> Session:
-        self._heard_s[address] = monotonic()
-        known = address in self._node.sessions
-        session = self._node.session(address)
+    def _welcome(self, client: Client) -> Session:
+        self._heard_s[client] = monotonic()
+        known = client in self._node.sessions
+        session = self._node.session(client)
         if self._node.lockstep and not known:
             session.skip_sequence(2)
             session.set_interval(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, -1)
         return session
 
     def _forget_silent(self, now_s: float) -> None:
-        silent = [address for address, heard_s in self._heard_s.items() if now_s - heard_s > CLIENT_SILENCE_S]
-        for address in silent:
-            if address not in (self._target, self._peer):
-                del self._heard_s[address], self._node.sessions[address]
+        for client, heard_s in list(self._heard_s.items()):
+            kept = client in self._targets or client == self._peer
+            if not self._transport.is_open(client) or (now_s - heard_s > CLIENT_SILENCE_S and not kept):
+                del self._heard_s[client], self._node.sessions[client]
 
-    def _send_all(self, except_for: Address | None = None) -> None:
-        for address in self._heard_s:
-            if address != except_for:
-                for datagram in _datagrams(self._node.take(self._node.session(address))):
-                    self._send(address, datagram)
-
-    def _send(self, address: Address, datagram: bytes) -> None:
-        """A client that is gone is no reason to stop: errors of the network stack are the client's silence."""
-        try:
-            self._socket.sendto(datagram, address)
-        except OSError:
-            return
+    def _send_all(self, except_for: Client | None = None) -> None:
+        for client in self._heard_s:
+            if client != except_for:
+                self._transport.send(client, self._node.take(self._node.session(client)))
 
 
-def _datagrams(frames: list[bytes]) -> list[bytes]:
-    """Frames joined into datagrams that fit an Ethernet frame."""
-    joined: list[bytes] = []
-    for frame in frames:
-        if joined and len(joined[-1]) + len(frame) <= _SAFE_DATAGRAM:
-            joined[-1] += frame
-        else:
-            joined.append(frame)
-    return joined
-
-
-def _resolve(address: Address) -> Address:
-    """The address as `recvfrom` will show it."""
-    try:
-        found = socket.getaddrinfo(*address, family=socket.AF_INET, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise EndpointError(f"{address[0]}:{address[1]}: unknown host ({error.strerror or error})") from error
-    host, port = found[0][4][:2]
-    return str(host), int(port)
+def _compile(vehicle: Vehicle) -> None:
+    vehicle.warm_up()
+    vehicle.fly_compiled(True)

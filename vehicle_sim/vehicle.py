@@ -1,23 +1,36 @@
 """The vehicle: physics, sensors and autopilot advanced together, one fixed step at a time. No I/O.
 
-Units SI, NED/FRD, time in integer microseconds since boot (the only clock of the whole process).
+The fast part (400 steps a second) is the compiled kernel of `flight`; between its calls the autopilot ticks at 100 Hz. Units SI, NED/FRD,
+time in integer microseconds since boot (the only clock of the whole process).
 """
 
-from math import ceil, exp, radians
+from math import ceil, exp, inf, radians
+
+import numpy as np
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
-from vehicle_sim.battery import fresh_battery, step_battery, top_speed_fraction
+from vehicle_sim.battery import BatteryState, Pack, fresh_battery
+from vehicle_sim.compiled import is_cached, plain
 from vehicle_sim.config import VehicleConfig
-from vehicle_sim.dynamics import GRAVITY_MPS2, Body, rest_on_ground, specific_force, state_at_rest, step_free
+from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, specific_force, state_at_rest
+from vehicle_sim.failures import Failure, Failures
+from vehicle_sim.flight import advance
 from vehicle_sim.geo import GeoFrame
-from vehicle_sim.noise import spawn_sources
-from vehicle_sim.rotors import Four, RotorModel, Wrench, lag_speeds, mix
-from vehicle_sim.sensors import SENSOR_SOURCES, ErrorModel, Readings, estimate_of, initial_error, noisy, read_sensors
-from vehicle_sim.wind import WindModel
+from vehicle_sim.memory import CONSTANTS, FLIGHT, Fields
+from vehicle_sim.noise import NoiseTable
+from vehicle_sim.parts import SensorsConfig
+from vehicle_sim.rotation import Vector
+from vehicle_sim.rotors import Four, RotorModel
+from vehicle_sim.sensors import ErrorModel, Estimate, Readings, pressure_hpa
+from vehicle_sim.surroundings import NOISE_COLUMNS, believe
+from vehicle_sim.wind import WindModel, discrete_gust
 
 _MAX_STEP_US = 2500
 _SLOW_US = 10_000
+_NOISE_ROWS = 1024
+#: Share of a GPS receiver's error that wanders slowly; the rest is white and averages out.
+_WANDER_OF_GPS = 0.5
 
 
 def step_for_period_us(period_us: int) -> int:
@@ -35,70 +48,200 @@ class Vehicle:
         self.config = config
         self.step_us = step_for_period_us(period_us)
         self.t_us = 0
-        self._dt_s = self.step_us * 1e-6
         self._slow_every = max(1, _SLOW_US // self.step_us)
         self._steps = 0
-        self.noise = spawn_sources(seed, ("wind", *SENSOR_SOURCES))
-        slow_s = self._slow_every * self._dt_s
-        self._slow_s = slow_s
-        self.body = Body.of(config.airframe)
-        self.rotors = RotorModel.of(config.airframe)
+        self._noise = NoiseTable(seed, NOISE_COLUMNS, _NOISE_ROWS)
+        self._row = 0
+        self.flight, self.constants = Fields(FLIGHT), Fields(CONSTANTS)
+        self._write_constants()
+        self._set_at_rest(seed)
         self.geo = GeoFrame.at(config.home)
-        self._wind = WindModel.of(config.wind, slow_s)
-        self._gust = (0.0, 0.0, 0.0)
-        self._windless = config.wind.gust_std_mps == (0.0, 0.0, 0.0)
-        self.wind_ned_mps = self._wind.velocity(self._gust)
-        self._lag_keep = exp(-self._dt_s / self.rotors.time_constant_s)
-        self._errors = ErrorModel.of(config.sensors, slow_s)
-        self._error = initial_error(config.sensors, self.noise["estimate"])
-        self._gyroscope = self.noise["gyroscope"]
-        self.state = state_at_rest(radians(config.initial_yaw_deg))
-        self.previous = self.state
-        self.speeds_radps: Four = (0.0, 0.0, 0.0, 0.0)
-        self.fractions: Four = (0.0, 0.0, 0.0, 0.0)
-        self.wrench = Wrench(0.0, 0.0, 0.0, 0.0)
-        self.battery = fresh_battery(config.battery)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
-        self.autopilot = Autopilot(ParameterStore(config.parameters, hover), self._dt_s)
-        self.estimate = estimate_of(self.state, self._error, (0.0, 0.0, 0.0))
-        self.readings: Readings = self._read_sensors()
+        self.autopilot = Autopilot(_parameters(config, hover), self.flight, self.constants)
+        self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
+        self._estimate: Estimate | None = None
+        self._advance = advance
 
     @property
     def t_s(self) -> float:
         """Seconds since boot."""
         return self.t_us * 1e-6
 
+    @property
+    def state(self) -> State:
+        """Truth."""
+        return State(*self.flight.x.tolist())
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self.flight.x[:] = state
+        self.flight.before[:] = state
+        believe(self.flight.record[0], self.constants.record[0], self._noise.values[self._row])
+        self._estimate = None
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the autopilot believes; built once an instant."""
+        if self._estimate is None:
+            n, e, d, vn, ve, vd, w, i, j, k, p, q, r = self.flight.estimate.tolist()
+            self._estimate = Estimate((n, e, d), (vn, ve, vd), (w, i, j, k), (p, q, r))
+        return self._estimate
+
+    @property
+    def readings(self) -> Readings:
+        """The raw sensors' last sample."""
+        r = self.flight.readings.tolist()
+        return Readings((r[0], r[1], r[2]), (r[3], r[4], r[5]), (r[6], r[7], r[8]), r[9], (r[10], r[11], r[12]))
+
+    @property
+    def battery(self) -> BatteryState:
+        """The pack."""
+        return BatteryState(*self.flight.battery.tolist())
+
+    @property
+    def fractions(self) -> Four:
+        """Shares of full thrust asked of the rotors."""
+        a, b, c, d = self.flight.fractions.tolist()
+        return (a, b, c, d)
+
+    @property
+    def speeds_radps(self) -> Four:
+        """Rotor speeds."""
+        a, b, c, d = self.flight.rotors.tolist()
+        return (a, b, c, d)
+
+    @property
+    def wind_ned_mps(self) -> Vector:
+        """Mean and gust."""
+        n, e, d = self.flight.wind.tolist()
+        return (n, e, d)
+
+    @property
+    def is_quick_to_start(self) -> bool:
+        """The kernel has been compiled by an earlier run; else `warm_up` takes seconds."""
+        return is_cached(advance)
+
+    def warm_up(self) -> None:
+        """Load the kernel, or compile it, so that the first step takes no longer than others. Touches nothing that flies."""
+        advance(self.flight.record.copy(), self.constants.record.copy(), self._noise.values[:1].copy(), 0, 0)
+
+    def fly_compiled(self, compiled: bool) -> None:
+        """By machine code, or by the same code as plain Python while the compiler works: both give the same bits."""
+        self._advance = advance if compiled else plain(advance)
+
     def step(self) -> None:
-        """Advance by `step_us`: estimate, autopilot, rotors, body."""
-        if self._steps % self._slow_every == 0:
-            self._advance_slow()
-        self._steps += 1
-        x = self.state
-        rates = noisy(x.omega_wb_b_radps, self.config.sensors.gyroscope_std_radps, self._gyroscope)
-        self.estimate = estimate_of(x, self._error, rates)
-        self.fractions = mix(self.autopilot.update(self.t_us * 1e-6, self.estimate, self.battery.charge))
-        limit = self.rotors.max_speed_radps * top_speed_fraction(self.battery, self.config.battery)
-        targets = self.rotors.speed_targets(self.fractions, limit)
-        self.speeds_radps = lag_speeds(self.speeds_radps, targets, self._lag_keep)
-        self.wrench = self.rotors.wrench(self.speeds_radps)
-        self.previous = x
-        self.state = rest_on_ground(step_free(x, self.wrench, self.wind_ned_mps, self.body, self._dt_s), self._dt_s)
-        self.t_us += self.step_us
+        """Advance by one step."""
+        self.advance(1)
 
-    def specific_force_mps2(self) -> tuple[float, float, float]:
+    def steps_until(self, t_us: int) -> int:
+        """Steps until the time is reached or passed."""
+        return -((self.t_us - t_us) // self.step_us)
+
+    def advance(self, count: int) -> None:
+        """Advance by `count` steps; the autopilot ticks every 10 ms."""
+        while count > 0:
+            phase = self._steps % self._slow_every
+            if phase == 0:
+                self.failures.update(self.t_us * 1e-6)
+                if self.config.wind.discrete_gusts:
+                    self.constants.discrete_gust[:] = discrete_gust(self.config.wind.discrete_gusts, self.t_us * 1e-6)
+                self.autopilot.commander.health.estimate_good = not self.failures.gps_lost
+                self.autopilot.tick(self.t_us * 1e-6, self.estimate, float(self.flight.battery[0]))
+            if self._row == _NOISE_ROWS:
+                self._noise.refill()
+                self._row = 0
+            batch = min(count, self._slow_every - phase, _NOISE_ROWS - self._row)
+            self._advance(self.flight.record, self.constants.record, self._noise.values, self._row, batch)
+            self._row += batch
+            self._steps += batch
+            self.t_us += batch * self.step_us
+            self._estimate = None
+            count -= batch
+
+    def inject_failure(self, unit: int | None, kind: int | None, instance: int) -> bool:
+        """MAV_CMD_INJECT_FAILURE; false when this vehicle cannot fail so."""
+        return self.failures.inject(unit, kind, instance)
+
+    def specific_force_mps2(self) -> Vector:
         """What the accelerometer feels, without noise, body axes."""
-        return specific_force(self.previous, self.state, self._dt_s)
+        return specific_force(State(*self.flight.before.tolist()), self.state, self.step_us * 1e-6)
 
-    def _advance_slow(self) -> None:
-        self._error = self._errors.next_error(self._error, self.noise["estimate"])
-        if self._steps % (2 * self._slow_every) == 0:
-            self.readings = self._read_sensors()
-        self.battery = step_battery(self.battery, self.speeds_radps, self.rotors, self.config.battery, self._slow_s)
-        if not self._windless:
-            self._gust = self._wind.next_gust(self._gust, self.noise["wind"].three())
-            self.wind_ned_mps = self._wind.velocity(self._gust)
+    def _set_at_rest(self, seed: int) -> None:
+        """Standing at the origin; errors drawn from their stationary distribution, so that boot is not special."""
+        f, c, sensors = self.flight, self.constants, self.config.sensors
+        x = state_at_rest(radians(self.config.initial_yaw_deg))
+        f.x[:] = x
+        f.before[:] = x
+        f.wind[:] = c.wind_mean
+        f.battery[:] = fresh_battery(self.config.battery)
+        first = self._noise.values[0]
+        f.error[:] = first[6:15] * _error_spread(sensors)
+        f.readings[9] = pressure_hpa(self.config.home.altitude_m)
+        biases = np.random.default_rng(np.random.SeedSequence(seed).spawn(len(NOISE_COLUMNS) + 1)[-1])
+        c.gyro_bias[:] = sensors.gyroscope_bias_std_radps * biases.standard_normal(3)
+        c.accel_bias[:] = sensors.accelerometer_bias_std_mps2 * biases.standard_normal(3)
+        f.estimate[:] = x
+        f.gps[:] = x[:6]
+        believe(f.record[0], c.record[0], first)
+        self._row = 1
 
-    def _read_sensors(self) -> Readings:
-        """On a schedule of its own, so that who listens changes nothing."""
-        force = self.specific_force_mps2()
-        return read_sensors(self.state, force, self.config.sensors, self.config.home.altitude_m, self.noise)
+    def _write_constants(self) -> None:
+        c, config = self.constants, self.config
+        dt_s = self.step_us * 1e-6
+        slow_s = self._slow_every * dt_s
+        body, rotors = Body.of(config.airframe), RotorModel.of(config.airframe)
+        wind, errors = WindModel.of(config.wind, slow_s), ErrorModel.of(config.sensors, slow_s)
+        for name, value in (
+            ("dt_s", dt_s),
+            ("slow_s", slow_s),
+            ("slow_every", self._slow_every),
+            ("readings_every", 2 * self._slow_every),
+            ("attitude_every", 2),
+            ("mass", body.mass_kg),
+            ("quadratic_drag", body.quadratic_drag),
+            ("lag_keep_up", exp(-dt_s / rotors.time_constant_s)),
+            ("lag_keep_down", exp(-dt_s / (config.airframe.motor_time_constant_down_s or rotors.time_constant_s))),
+            ("rotor_drag", config.airframe.rotor_drag_n_per_mps_radps),
+            ("w20", config.wind.dryden_w20_mps),
+            ("filter", config.sensors.estimator == "filter"),
+            ("gps_every", max(1, round(1.0 / (config.sensors.gps_rate_hz * slow_s)))),
+            ("gps_wander_s", config.sensors.gps_correlation_s),
+            ("gps_speed_std", config.sensors.gps_speed_std_mps),
+            ("gust_keep", wind.keep),
+            ("error_keep", errors.keep),
+            ("ground_altitude", config.home.altitude_m),
+        ):
+            c.put(name, value)
+        s = config.sensors
+        c.inertia[:] = body.inertia_kgm2
+        c.linear_drag[:] = body.linear_drag
+        c.rotor[:] = rotors
+        c.motor_health[:] = 1.0
+        c.wind_mean[:] = wind.mean_ned_mps
+        c.gust_kick[:] = wind.kick_ned_mps
+        c.error_kick[:] = errors[1:]
+        c.pack[:] = Pack.of(config.battery)
+        c.gps_wander[:] = (_WANDER_OF_GPS * s.gps_horizontal_std_m, _WANDER_OF_GPS * s.gps_vertical_std_m)
+        c.sensor_std[:] = (
+            s.accelerometer_std_mps2,
+            s.gyroscope_std_radps,
+            s.magnetometer_std_gauss,
+            s.barometer_std_hpa,
+            s.gps_horizontal_std_m,
+            s.gps_vertical_std_m,
+        )
+
+
+def _parameters(config: VehicleConfig, hover_thrust: float) -> ParameterStore:
+    """The table with what the configuration says of the vehicle."""
+    described = {
+        "MAV_SYS_ID": config.system_id,
+        "BAT1_N_CELLS": config.battery.cells,
+        "BAT1_CAPACITY": 1e3 * config.battery.capacity_ah,
+    }
+    return ParameterStore({**described, **config.parameters}, hover_thrust)
+
+
+def _error_spread(sensors: SensorsConfig) -> list[float]:
+    stationary = ErrorModel.of(sensors, inf)
+    return [kick for kick in stationary[1:] for _ in range(3)]

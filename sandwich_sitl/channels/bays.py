@@ -22,6 +22,7 @@ _SIDE = 2.3  # cells: side of a triangle whose quads have about the area of a ce
 _LEAST_ANGLE_RAD = np.radians(20.0)  # where the polygon's own corners allow
 _SHORTEST = 0.25  # of a side: no refinement below
 _MOST_VERTICES = 2_000_000
+_SAME = 1e-9  # of the extent: points closer than this are one
 
 
 @dataclass(frozen=True)
@@ -60,20 +61,22 @@ def mesh_ground(name: str, polygon: Polygon, lid_points: Container[tuple[float, 
 
 def _triangulated(polygon: Polygon, side_m: float) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (V, 2) and triangles (T, 3), counter-clockwise."""
-    points: list[Array] = []
-    edges: list[NDArray[np.uint32]] = []
-    count = 0
-    for ring in (polygon.exterior, *polygon.interiors):
-        path = shapely.get_coordinates(shapely.segmentize(ring, side_m))[:-1]
-        number = np.arange(len(path), dtype=np.uint32)
-        edges.append(np.column_stack([count + number, count + np.roll(number, -1)]).astype(np.uint32))
-        points.append(path)
-        count += len(path)
+    rings = [
+        shapely.get_coordinates(shapely.segmentize(ring, side_m))[:-1]
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
+    number = np.arange(sum(len(ring) for ring in rings))
+    following = np.concatenate(
+        [np.roll(part, -1) for part in np.split(number, np.cumsum([len(r) for r in rings])[:-1])]
+    )
+    points, of = _merged(np.concatenate(rings))
+    edges = np.column_stack([of[number], of[following]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    mesh.insert_vertices([pythoncdt.V2d(x, y) for x, y in np.concatenate(points).tolist()])
-    mesh.insert_edges([pythoncdt.Edge(a, b) for a, b in np.concatenate(edges).tolist()])
+    mesh.insert_vertices([pythoncdt.V2d(x, y) for x, y in points.tolist()])
+    mesh.insert_edges([pythoncdt.Edge(a, b) for a, b in edges.tolist()])
     outside = mesh.collect_outer_triangles_and_holes()
     shortest = _SHORTEST * side_m
     for criterion, threshold in (
@@ -85,6 +88,16 @@ def _triangulated(polygon: Polygon, side_m: float) -> tuple[Array, NDArray[np.in
     table = mesh.vertices_array()
     vertices = np.column_stack([table["x"], table["y"]])
     return vertices, mesh.triangles_array()["vertices"].astype(np.int64)
+
+
+def _merged(points: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Points (n, 2) without those that are another one but for rounding, and for each the one that stands for it.
+
+    A hole may touch the outline in a point, which then stands in both rings.
+    """
+    cell = _SAME * (1 + float(np.abs(points).max()))
+    _, first, of = np.unique(np.rint(points / cell).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    return points[first], of.reshape(-1)
 
 
 def _quartered(vertices: Array, triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sandwich_sitl.channels.barrier import Barrier
 from sandwich_sitl.channels.bays import Bay, mesh_bay
@@ -31,16 +32,18 @@ from sandwich_sitl.channels.flow import turned_back, turned_world
 from sandwich_sitl.channels.quality import measure
 from sandwich_sitl.channels.stations import lay_stations
 from sandwich_sitl.channels.stretches import Sound, without_folds
-from sandwich_sitl.channels.untangle import Untangled, untangle
+from sandwich_sitl.channels.untangle import untangle
 from sandwich_sitl.world.grow import GrownWorld
 
 Array = NDArray[np.float64]
 
 LEAST_SINE = 0.01  # of a corner's angle: 0.6 degrees
-_TOLERANCE = 1e-3  # of a cell: residual at which the grid equations count as solved
+SOLVED = 2e-3  # of a cell: residual up to which a node counts as on the solution; the rest count as repaired
+_TOLERANCE = 1e-3  # of a cell: largest component of a residual at which cycles end
 _THREADS = 2
 _BLOCK = 4  # intervals across a channel come in multiples of this, those along it of twice this: multigrid halves them
 _THIN = 0.04  # of a cell: a pocket that is nowhere twice as wide, and no passage, is left out
+_SAME = 1e-9  # of the extent: nodes closer than this are one
 _SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 
 
@@ -49,7 +52,8 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flo
 
     Where a barrier reaches across the flow from border to border no channel passes, and all ground is mapped as bays.
     """
-    world = _snapped(turned_world(grown, flow))
+    grown = _snapped(grown)
+    world = turned_world(grown, flow)
     x_min, y_min, x_max, y_max = world.bounds_m
     barriers, bays, lost = _barriers(world, cell_m)
     if any(barrier.on_bottom and barrier.on_top for barrier in barriers):
@@ -60,6 +64,7 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flo
     streamlines = [spread_nodes(pieces, stations, m_phi, cell_m) for pieces in dividers]
     grids = _solved(streamlines, cell_m, min_rows)
     bays += tuple(bay for grid in grids for bay in grid.sound.bays)
+    bays, lid_places = _joined_lids(bays, [grid.sound for grid in grids], max(x_max - x_min, y_max - y_min))
     inner = streamlines[1:-1]
     barrier = np.array([line.barrier for line in inner], dtype=np.int64).reshape(len(inner), m_phi)
     mean_heights = [float(line.lower[:, 1].mean() + line.upper[:, 1].mean()) / 2 for line in inner]
@@ -74,7 +79,7 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flo
         Psi=np.maximum.accumulate(np.array([y_min, *mean_heights, y_max])),
         phi=np.linspace(x_min, x_max, m_phi),
         bays=bays,
-        lid_places=_lid_places(bays, [grid.sound for grid in grids]),
+        lid_places=lid_places,
         lost=lost,
         quality=measure(
             cells, bays, sum(grid.repaired_cells for grid in grids), max(grid.max_residual_m for grid in grids), world
@@ -179,7 +184,15 @@ def _mapped_channel(bottom: Array, top: Array, name: str, cell_m: float, min_row
     solved = solve_elliptic(start, _TOLERANCE * cell_m)
     mended = untangle(solved.xy_m, LEAST_SINE)
     sound = without_folds(mended.xy_m, name, cell_m)
-    return _Channel(sound, int(mended.repaired[sound.gridded].sum()), _residual_beside(mended))
+    left = np.where(mended.moved, 0.0, residual(mended.xy_m))
+    unsettled = left > SOLVED * cell_m
+    repaired = mended.repaired | _cells_round(unsettled)
+    return _Channel(sound, int(repaired[sound.gridded].sum()), float(left[~unsettled].max()))
+
+
+def _cells_round(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells (m_phi - 1, m_j - 1) with one of the nodes (m_phi, m_j)."""
+    return np.asarray(nodes[1:, 1:] | nodes[1:, :-1] | nodes[:-1, 1:] | nodes[:-1, :-1])
 
 
 def _rows(bottom: Array, top: Array, cell_m: float, min_rows: int) -> int:
@@ -188,25 +201,38 @@ def _rows(bottom: Array, top: Array, cell_m: float, min_rows: int) -> int:
     return _rounded(max(min_rows - 1, int(np.ceil(width / cell_m))), _BLOCK) + 1
 
 
-def _residual_beside(grid: Untangled) -> float:
-    """Largest residual at interior nodes none of whose four cells was repaired."""
-    repaired = grid.repaired
-    touched = np.ones(grid.xy_m.shape[:2], dtype=bool)
-    touched[1:-1, 1:-1] = repaired[1:, 1:] | repaired[1:, :-1] | repaired[:-1, 1:] | repaired[:-1, :-1]
-    values = residual(grid.xy_m)[~touched]
-    return float(values.max()) if values.size else 0.0
+def _joined_lids(
+    bays: tuple[Bay, ...], grids: Sequence[Sound], extent_m: float
+) -> tuple[tuple[Bay, ...], tuple[NDArray[np.int64], ...]]:
+    """Bays whose lid nodes are those with a channel node at the same point, and the places (L, 3) of the latter.
+
+    A node that the mesher put on a lid by itself may have no partner: it hangs on a straight side.
+    """
+    places, points = _outer_nodes(grids)
+    if not bays or not len(points):
+        return bays, tuple(np.empty((0, 3), dtype=np.int64) for _ in bays)
+    tree = cKDTree(points)
+    joined, lid_places = [], []
+    for bay in bays:
+        distance, found = tree.query(bay.xy_m[bay.lid_nodes], distance_upper_bound=_SAME * extent_m)
+        met, nearest = np.isfinite(distance), np.asarray(found)
+        xy = bay.xy_m.copy()
+        xy[bay.lid_nodes[met]] = points[nearest[met]]
+        joined.append(replace(bay, xy_m=xy, lid_nodes=bay.lid_nodes[met]))
+        lid_places.append(places[nearest[met]])
+    return tuple(joined), tuple(lid_places)
 
 
-def _lid_places(bays: tuple[Bay, ...], grids: Sequence[Sound]) -> tuple[NDArray[np.int64], ...]:
-    """For each bay the places (L, 3) of the channel nodes that are its lid nodes: the same floating-point numbers."""
-    at: dict[tuple[float, float], tuple[int, int, int]] = {}
+def _outer_nodes(grids: Sequence[Sound]) -> tuple[NDArray[np.int64], Array]:
+    """Places (n, 3) and points (n, 2) of the nodes on the sides of channels and beside their gaps."""
+    places = [np.empty((0, 3), dtype=np.int64)]
     for d, grid in enumerate(grids):
-        xy, gridded = grid.xy_m, grid.gridded
-        beside_gap = np.flatnonzero(np.diff(gridded)) + 1
-        for j in (0, xy.shape[1] - 1):
-            at |= {(x, y): (d, i, j) for i, (x, y) in enumerate(xy[:, j].tolist())}
-        for i in beside_gap.tolist():
-            at |= {(x, y): (d, i, j) for j, (x, y) in enumerate(xy[i].tolist())}
-    return tuple(
-        np.array([at[x, y] for x, y in bay.xy_m[bay.lid_nodes].tolist()], dtype=np.int64).reshape(-1, 3) for bay in bays
-    )
+        m_phi, m_j = grid.xy_m.shape[:2]
+        i, j = np.indices((m_phi, m_j))
+        beside_gap = np.zeros(m_phi, dtype=bool)
+        beside_gap[1:-1] = np.diff(grid.gridded)
+        outer = (j == 0) | (j == m_j - 1) | beside_gap[:, None]
+        places.append(np.column_stack([np.full(int(outer.sum()), d), i[outer], j[outer]]))
+    found = np.concatenate(places)
+    points = [grid.xy_m[at[:, 1], at[:, 2]] for grid, at in zip(grids, places[1:], strict=True)]
+    return found, np.concatenate([np.empty((0, 2)), *points])

@@ -36,13 +36,13 @@ class MapQuality:
     cells: int
     bay_cells: int
     folded_cells: int  # cells with a corner Jacobian that is not positive
-    repaired_cells: int  # cells whose nodes were moved off the finite-difference solution
+    repaired_cells: int  # cells with a node off the finite-difference solution: moved by a repair, or beside one
     min_jacobian_ratio: float  # smallest corner Jacobian / (product of the two edge lengths): sine of the corner angle
     min_angle_deg: float
     mean_angle_error_deg: float  # mean |corner angle - 90 deg| (notes N7)
     median_edge_m: float  # edges of the channels' cells, to hold against the `cell_m` asked for
     p95_aspect: float  # of the channels' cells: longer over shorter mean side
-    max_residual_m: float  # largest residual of Eq. (ellipticpde) at nodes that no repair moved, as a displacement
+    max_residual_m: float  # largest residual of Eq. (ellipticpde) at the nodes of all other cells, as a displacement
     coverage: float  # mapped area / free area of the grown world
 
 

@@ -32,7 +32,7 @@ class MapCheck:
 
     folded_cells: int
     blocked: int  # stretches of channels and quads of bays that meet the interior of a grown obstacle
-    doubled_share: float  # area that channels cover twice, over the free area
+    doubled_share: float  # area that channels cover twice, or mapped beyond the free area, over the latter
     coverage: float  # mapped over free area
     unshared_nodes: int  # nodes of free streamlines or lids that are not the same point on both sides
     stray_nodes: int  # barred nodes that lie off every wall
@@ -70,7 +70,7 @@ def examine(channel_map: ChannelMap) -> MapCheck:
     return MapCheck(
         folded_cells=int((quad_sines(corners) <= 0).any(axis=1).sum()),
         blocked=_blocked(channel_map, tolerance),
-        doubled_share=_doubled(channel_map) / free if free > 0 else 0.0,
+        doubled_share=max(_doubled(channel_map), area - free) / free if free > 0 else 0.0,
         coverage=area / free if free > 0 else 1.0,
         unshared_nodes=_unshared(channel_map),
         stray_nodes=_stray(channel_map, tolerance),
@@ -127,7 +127,9 @@ def _stray(channel_map: ChannelMap, tolerance: float) -> int:
     if not len(points):
         return 0
     lines = np.array([polygon.exterior for polygon in channel_map.grown.polygons], dtype=object)
-    walls = shapely.STRtree(np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays)]))
+    walls = shapely.STRtree(
+        np.concatenate([lines, *(_outer_edges(bay) for bay in channel_map.bays), *_lost_outlines(channel_map)])
+    )
     _, distance = walls.query_nearest(points, return_distance=True, all_matches=False)
     return int((distance > tolerance).sum())
 
@@ -135,6 +137,11 @@ def _stray(channel_map: ChannelMap, tolerance: float) -> int:
 def _has_cells(gridded: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which columns of nodes (m_phi,) have cells beside them."""
     return np.concatenate([gridded[:1], gridded[1:] | gridded[:-1], gridded[-1:]])
+
+
+def _lost_outlines(channel_map: ChannelMap) -> list[NDArray[np.object_]]:
+    """A wall runs straight across the mouth of a sliver that is left out."""
+    return [np.array([shapely.LinearRing(lost.ring_m)], dtype=object) for lost in channel_map.lost]
 
 
 def _outer_edges(bay: Bay) -> NDArray[np.object_]:

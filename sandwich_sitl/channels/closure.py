@@ -124,7 +124,7 @@ def _closure(cluster: _Cluster, rings: Sequence[Array], bounds: Bounds) -> Closu
     solid = [Polygon(with_vertices(member, ring)) for member in own]
     ring = with_vertices(ring, np.concatenate(own))
     rest = shapely.difference(Polygon(ring), shapely.union_all(solid))
-    bays = tuple(part for part in shapely.get_parts(rest) if isinstance(part, Polygon))
+    bays = tuple(part for part in shapely.get_parts(rest) if isinstance(part, Polygon) and not part.is_empty)
     walls = {tuple(sorted((a, b))) for polygon in solid for a, b in _sides(polygon)}
     x_min, y_min, x_max, y_max = bounds
     lids = [

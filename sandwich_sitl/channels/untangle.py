@@ -25,8 +25,9 @@ from sandwich_sitl.channels.cells import quad_sines
 
 Array = NDArray[np.float64]
 
-RINGS = (3, 6, 12, 24, 48, 96)  # cells round the bad ones that may move, tried in turn
+RINGS = (3, 6, 12)  # cells round the bad ones that may move, tried in turn
 _MOST_SWEEPS = 120  # of a patch
+_FOLDED = 0.01  # of the sine asked for: what counts as folded once a first repair was made
 _SETTLING = 4  # sweeps after the last bad cell has gone
 _SHRINK = 0.04  # eps^2 over the square of the most negative Jacobian
 _FLOOR = 1e-20
@@ -34,9 +35,10 @@ _FLOOR = 1e-20
 
 @dataclass(frozen=True)
 class Untangled:
-    """`xy_m` (m_phi, m_j, 2) and the cells (m_phi - 1, m_j - 1) with a node that moved."""
+    """`xy_m` (m_phi, m_j, 2), the nodes (m_phi, m_j) that may have moved and the cells with such a node."""
 
     xy_m: Array
+    moved: NDArray[np.bool_]
     repaired: NDArray[np.bool_]
 
 
@@ -45,7 +47,7 @@ def untangle(xy: Array, least_sine: float) -> Untangled:
     x, y = (np.ascontiguousarray(xy[..., axis]).copy() for axis in (0, 1))
     moved = _untangled(x, y, least_sine, np.array(RINGS))
     repaired = moved[1:, 1:] | moved[1:, :-1] | moved[:-1, 1:] | moved[:-1, :-1]
-    return Untangled(np.stack([x, y], axis=-1), repaired)
+    return Untangled(np.stack([x, y], axis=-1), moved, repaired)
 
 
 def corner_sines(xy: Array) -> Array:
@@ -60,14 +62,16 @@ def _untangled(x: Array, y: Array, least_sine: float, rings: NDArray[np.int64]) 
     stamp = np.zeros(x.shape, np.int64)
     patch = 0
     for ring in rings:
-        cells, first = _bad_groups(x, y, least_sine, ring)
+        # A corner between two walls may be sharper than any repair can mend; folded ones are worth a larger patch.
+        wanted = least_sine if ring == rings[0] else _FOLDED * least_sine
+        cells, first = _bad_groups(x, y, wanted, ring)
         if len(cells) == 0:
             break
         for group in range(len(first) - 1):
             patch += 1
             nodes = _nodes_round(cells[first[group] : first[group + 1]], ring, stamp, patch)
             if len(nodes):
-                _unfold_patch(x, y, nodes, least_sine)
+                _unfold_patch(x, y, nodes, wanted)
             for i, j in nodes:
                 moved[i, j] = True
     return moved

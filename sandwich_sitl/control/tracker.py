@@ -1,24 +1,41 @@
-"""`Tracker`: one control tick from reference, corridor and telemetry to a set-point (paper, section V)."""
+"""`Tracker`: one control tick from reference, corridor and telemetry to a checked set-point (paper, section V).
 
+The command is one unbroken motion of the plant model: each tick's plan starts from the command in force, so feedback
+never makes it jump. Feedback moves what the plan aims at: the reference, and the regions, less the offset that the
+estimator sees between vehicle and command. What is commanded now is flown a delay later, so the plan looks that much
+further ahead.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.config import MpcConfig
-from sandwich_sitl.control.mpc import Mpc, MpcSolution
-from sandwich_sitl.control.observer import Observer
-from sandwich_sitl.planning.corridor import FACES
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine
+from sandwich_sitl.control.estimator import VehicleEstimator
+from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
+from sandwich_sitl.control.reference_clock import ReferenceClock
+from sandwich_sitl.control.stop_plan import StopPlan, stop_along
 from sandwich_sitl.planning.flight_plan import Corridor, Reference
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_MOST_PERIODS = 5  # a tick later than this does not make the command leap
+_LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
+_LIFT_S = 5.0
 
 
 @dataclass(frozen=True)
 class Tick:
-    """Result of one tick: the state (12,) to command, the snap (3,) that leads there, and the solver's answer.
+    """Result of one tick: the state (12,) to command, the snap (3,) that leads there, the solver's answer, and by which
+    `rung` of the ladder and `fault` the set-point came about. At rung BRAKE the state is the last one and not to be sent.
 
-    `desired_m` (3,) is the reference and `region` its corridor index at the time of the tick.
+    `desired_m` (3,) is the reference and `region` its corridor index at the time of the tick; `ahead_m` (n, 3) is the
+    plan in force; `offset_m` (3,) and `delay_s` are the estimator's, `rate` the reference clock's; `motion` (12,) is
+    the estimated r, v, a, j of the vehicle.
     """
 
     setpoint: Array
@@ -26,58 +43,155 @@ class Tick:
     desired_m: Array
     region: int
     solution: MpcSolution
+    rung: Rung
+    fault: Fault
+    ahead_m: Array
+    offset_m: Array
+    delay_s: float
+    rate: float
+    motion: Array
 
 
 class Tracker:
     """Tracks a reference from its first sample on; the vehicle is taken to be at rest at `r_m` (3,) then."""
 
-    def __init__(self, config: MpcConfig, mode: str, reference: Reference, corridor: Corridor, r_m: Array) -> None:
+    def __init__(
+        self,
+        config: RunConfig,
+        mpc: Mpc,
+        reference: Reference,
+        corridor: Corridor,
+        r_m: Array,
+    ) -> None:
         self._reference, self._corridor = reference, corridor
-        self._period_s, self._delay_s = 1.0 / config.rate_hz, config.delay_s
-        self._mpc = Mpc(
-            config.horizon_steps,
-            config.step_s,
-            "euler" if mode == "paper" else "zoh",
-            config.bandwidth_radps,
-            FACES,
-        )
-        self._ahead = np.arange(1, config.horizon_steps + 1, dtype=np.float64) * config.step_s
-        self._step_s, self._planned_s = config.step_s, 0.0
-        self.observer = Observer(self._period_s, config.observer_radps, r_m)
+        self._config, self._period_s, self._mpc = config, 1.0 / config.mpc.rate_hz, mpc
+        self._brake_mps2 = config.mission.brake_mps2
+        self._bounds = _bounds(config)
+        self._steps_s = np.arange(1, mpc.n_tau + 1, dtype=np.float64) * mpc.step_s
+        self.command = np.concatenate([r_m, np.zeros(9)])
+        self._start_m = r_m.copy()
+        self._lifting = bool(r_m[2] < reference.xyz_m[0, 2] + _LIFT_M / 2 < reference.xyz_m[-1, 2])
+        self.clock = ReferenceClock(self._when_at(r_m[2]) - self._period_s)  # the first tick advances it
+        self.estimator = VehicleEstimator(config.tracking, self._period_s, 0.0, self.command)
+        self._stop: StopPlan | None = None
+        self._stop_began_s = 0.0
+        self._stop_sigma: Callable[[Array], Array] = self.clock.ahead
+        self._last_s = -self._period_s
 
     @property
-    def duration_s(self) -> float:
-        """Length of the reference."""
-        return float(self._reference.t_s[-1])
+    def finished(self) -> bool:
+        """Whether the reference has come to its end."""
+        return self.clock.t_s >= float(self._reference.t_s[-1])
 
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
-        """Tick at reference time `t_s` with the measured position and velocity (3,), `age_s` old.
+        """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
+        dt = min(max(t_s - self._last_s, 0.0), _MOST_PERIODS * self._period_s)
+        self._last_s = t_s
+        if self._on_the_ground(t_s, r_m):
+            return self._push_off()
+        before, stood_s = self.command, self.clock.t_s
+        self.clock.advance(dt, float(np.linalg.norm(self.command[3:6])))
+        seen = self.estimator.measure(t_s, t_s - age_s, r_m, v_mps)
+        solution, stop, fault = self._plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
+        rung = self._take(stop, t_s, dt)
+        if rung is Rung.BRAKE:
+            self.clock.follow(stood_s, 0.0)
+        snap = solution.snap[0] if rung is Rung.PLAN else (self.command[9:] - before[9:]) / max(dt, 1e-9)
+        self.estimator.commanded(t_s, self.command)
+        return self._tick(solution, rung, fault, snap, self._rest_of_stop(t_s))
 
-        What is commanded now is flown `delay_s` later: the set-point is the plan's state at `t_s + delay_s`, and the
-        observer, one period before it advances, lives at `t_s + delay_s - period`.
-        """
-        lead_s = self._delay_s - self._period_s
-        self.observer.correct(r_m, v_mps, age_s + lead_s)
-        desired, region = self._sample(t_s + lead_s + self._ahead)
-        solution = self._mpc.solve(
-            self.observer.x, desired, self._corridor.Lambda[region], self._corridor.Gamma[region]
+    def _on_the_ground(self, t_s: float, r_m: Array) -> bool:
+        """Whether the vehicle has yet to leave the ground; when it has, the plan begins where the vehicle is then."""
+        if self._lifting:
+            height = float(r_m[2] - self._start_m[2])
+            self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), _LIFT_M)))
+            self._lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
+            if not self._lifting:
+                here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0]
+                self.command = np.concatenate([here, (there - here) / self._period_s, np.zeros(6)])
+                self.estimator = VehicleEstimator(self._config.tracking, self._period_s, t_s, self.command)
+        return self._lifting
+
+    def _push_off(self) -> Tick:
+        """Up from the ground, which autopilots leave in their own time: the reference goes along with the vehicle."""
+        above = self._start_m + np.array([0.0, 0.0, _LIFT_M])
+        self.command = np.concatenate([above, [0.0, 0.0, _LIFT_MPS], np.zeros(6)])
+        return self._tick(
+            self._mpc.no_solution(), Rung.PLAN, Fault.NONE, np.zeros(3), np.tile(above, (self._mpc.n_tau, 1))
         )
-        if solution.usable:
-            self._planned_s = t_s
-        snap = self._planned_snap(solution, t_s - self._planned_s)
-        setpoint = self.observer.advance(snap).copy()
-        now, now_region = self._sample(np.array([t_s]))
-        return Tick(setpoint, snap, now[0], int(now_region[0]), solution)
 
-    def _planned_snap(self, solution: MpcSolution, age_s: float) -> Array:
-        """Snap (3,) of a plan that is `age_s` old: an unusable answer leaves the last plan running, then none."""
-        step = int(age_s / self._step_s + 1e-9)
-        return solution.snap[step] if step < len(solution.snap) else np.zeros(3)
+    def _when_at(self, height_m: float) -> float:
+        """When the reference first comes to a height, or to its own greatest one."""
+        z = self._reference.xyz_m[:, 2]
+        return float(self._reference.t_s[np.argmax(z >= min(height_m, float(z.max())))])
 
-    def _sample(self, t_s: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Desired positions (n, 3) and regions (n,) at times (n,), held at the end."""
+    def _tick(self, solution: MpcSolution, rung: Rung, fault: Fault, snap: Array, ahead_m: Array) -> Tick:
+        now, region = self._sample(np.array([self.clock.t_s]))
+        return Tick(
+            self.command.copy(), snap, now[0], int(region[0]), solution, rung, fault, ahead_m,
+            self.estimator.offset_m.copy(), self.estimator.delay_s, self.clock.rate, self.estimator.motion,
+        )  # fmt: skip
+
+    def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
+        """This tick's own plan from the command in force, with its stop when it stands the examination."""
+        offset, delay = self.estimator.offset_m, self.estimator.delay_s
+        desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
+        Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, Gamma - Lambda @ offset[:2])
+        if not solution.usable:
+            return solution, None, Fault.SOLVER
+        knots = np.concatenate([self.command[None], solution.states])
+        stop = stop_along(knots, solution.snap, self._mpc.step_s, dt, self._brake_mps2)
+        times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
+        _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
+        corridor = self._corridor
+        fault = examine(stop.states(times), offset, corridor.Lambda, corridor.Gamma, along, self._bounds)
+        return solution, stop if fault is Fault.NONE else None, fault
+
+    def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:
+        """Put the accepted plan in force, or go on with the last one."""
+        if stop is not None:
+            self._stop, self._stop_began_s = stop, t_s
+            self._stop_sigma = self.clock.frozen()
+            self.command = stop.states(np.zeros(1))[0]
+            return Rung.PLAN
+        if self._stop is None or t_s - self._stop_began_s >= self._stop.stop_s + dt:
+            return Rung.BRAKE
+        elapsed = np.array([t_s - self._stop_began_s])
+        self.command = self._stop.states(elapsed)[0]
+        progress, rate = self._stop.progress(elapsed)
+        self.clock.follow(float(self._stop_sigma(progress)[0]), float(rate[0]))
+        return Rung.SHIFTED
+
+    def _rest_of_stop(self, t_s: float) -> Array:
+        if self._stop is None:
+            return np.tile(self.command[:3], (len(self._steps_s), 1))
+        return self._stop.states(t_s - self._stop_began_s + self._steps_s)[:, :3]
+
+    def _sample(self, t_s: Array) -> tuple[Array, Indices]:
+        """Desired positions (n, 3) and regions (n,) at times (n,), held at both ends."""
         at = np.clip(t_s / self._period_s, 0.0, len(self._reference.t_s) - 1)
         below = np.minimum(at.astype(np.int64), len(self._reference.t_s) - 2)
         share = (at - below)[:, None]
         xyz = self._reference.xyz_m
         return (1 - share) * xyz[below] + share * xyz[below + 1], self._reference.region[np.rint(at).astype(np.int64)]
+
+
+def _bounds(config: RunConfig) -> Bounds:
+    """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
+    if config.mode == "paper":
+        return Bounds(np.full(4, np.inf), np.inf)
+    limits = motion_limits(config.mpc)
+    push = float(np.hypot(limits.acceleration_mps2, config.mpc.acceleration_mps2))
+    return Bounds(
+        np.array([limits.speed_mps, config.mpc.climb_mps, push, np.sqrt(2) * limits.jerk_mps3]),
+        config.assurance.region_tolerance_m,
+    )
+
+
+def rehearse(mpc: Mpc, config: RunConfig, reference: Reference, corridor: Corridor) -> None:
+    """Take off for nobody: what is compiled or loaded at first use is then at hand."""
+    start, still = reference.xyz_m[0], np.zeros(3)
+    tracker = Tracker(config, mpc, reference, corridor, start)
+    for k, height in enumerate((0.0, 2 * _LIFT_M, 2 * _LIFT_M)):
+        tracker.tick(k / config.mpc.rate_hz, start + np.array([0.0, 0.0, height]), still, 0.0)

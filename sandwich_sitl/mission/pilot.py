@@ -5,13 +5,19 @@ above the ground the vehicle stood on when it was primed, because autopilots sta
 more.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
-from sandwich_sitl.control.tracker import Tick, Tracker
+from sandwich_sitl.control.assurance import Rung
+from sandwich_sitl.control.horizon import Horizon, HorizonSolver
+from sandwich_sitl.control.mpc import Mpc, motion_limits
+from sandwich_sitl.control.solvers.registry import solver_for_flight
+from sandwich_sitl.control.tracker import Tick, Tracker, rehearse
+from sandwich_sitl.errors import InputError
 from sandwich_sitl.mission.brake import BrakeProfile
 from sandwich_sitl.mission.orders import Stream
 from sandwich_sitl.mission.setpoint import Setpoint
@@ -35,12 +41,26 @@ class Steering:
 class Pilot:
     """Set-points of one flight along one reference; positions (3,) ENU in the world's frame."""
 
-    def __init__(self, config: RunConfig, reference: Reference, corridor: Corridor) -> None:
+    def __init__(
+        self,
+        config: RunConfig,
+        reference: Reference,
+        corridor: Corridor,
+        make_solver: Callable[[str, Horizon], HorizonSolver] = solver_for_flight,
+    ) -> None:
+        """Everything that takes time to build, the controller above all, is built here, before there is a flight.
+
+        Raises `InputError` when the plan's limits leave less than the reference asks for.
+        """
+        _check_room(config)
         self._config, self._reference, self._corridor = config, reference, corridor
+        self._mpc = Mpc(config.mpc, config.mode, corridor.Gamma.shape[1], make_solver)
+        rehearse(self._mpc, config, reference, corridor)
         self._tracker: Tracker | None = None
         self._track_from_s = 0.0
         self._sent_s = 0.0
         self._fresh = False
+        self._lost = False
         self._brake: BrakeProfile | None = None
         self._brake_from_s = 0.0
         self._ground_m: float | None = None
@@ -53,17 +73,19 @@ class Pilot:
         return self._ground_m or 0.0
 
     def plan_stale(self, now_s: float) -> bool:
-        """Whether no fresh plan was sent for longer than `STALE_S`: no solution, refused by the fence, or astray."""
-        return self._tracker is not None and now_s - self._sent_s > STALE_S
+        """Whether there is no plan to fly on: at once when the tracker has come to the end of its ladder, and after
+        `STALE_S` in which set-points were refused by the fence or the vehicle was astray.
+        """
+        return self._tracker is not None and (self._lost or now_s - self._sent_s > STALE_S)
 
     def accepted(self, now_s: float) -> None:
         """The last set-point went out; it counts as fresh when its plan was usable and the vehicle on its track."""
         if self._fresh:
             self._sent_s = now_s
 
-    def route_finished(self, now_s: float, view: VehicleView) -> bool:
+    def route_finished(self, view: VehicleView) -> bool:
         """Whether the reference has ended and the vehicle rests at its end."""
-        if self._tracker is None or view.r_m is None or now_s - self._track_from_s < self._tracker.duration_s:
+        if self._tracker is None or view.r_m is None or not self._tracker.finished:
             return False
         miss = float(np.hypot(*(view.r_m[:2] - self._reference.xyz_m[-1, :2])))
         return miss < self._config.mission.goal_tolerance_m and view.speed_mps < _SETTLED_MPS
@@ -72,27 +94,35 @@ class Pilot:
         """The set-point that `stream` asks for now."""
         if stream in (Stream.IDLE, Stream.NONE) or view.r_m is None or view.v_mps is None:
             self._tracker = self._brake = None
+            self._lost = False
             return Steering(None, None)
         if stream is Stream.TRACK:
             return self._track(now_s, view.r_m, view.v_mps, view)
         self._tracker = None
         if stream is Stream.POSE:
             return self._answer(self._pose(view.r_m, view))
+        return Steering(self._braked(now_s, view.r_m, view.v_mps), None)
+
+    def _braked(self, now_s: float, r_m: Vector, v_mps: Vector) -> Setpoint:
+        """Brake from the last set-point, or from where the vehicle is; then stay."""
         if self._brake is None:
-            r_m, v_mps = self._moving(view.r_m, view.v_mps)
-            self._brake, self._brake_from_s = BrakeProfile(r_m, v_mps, self._config.mission.brake_mps2), now_s
-        r_m, v_mps, a_mps2 = self._brake.at(now_s - self._brake_from_s)
-        return self._answer(Setpoint(r_m, v_mps, a_mps2, self._yaw_rad))
+            self._brake = BrakeProfile(*self._moving(r_m, v_mps), self._config.mission.brake_mps2)
+            self._brake_from_s = now_s
+        self._last = Setpoint(*self._brake.at(now_s - self._brake_from_s), self._yaw_rad)
+        return self._last
 
     def _track(self, now_s: float, r_m: Vector, v_mps: Vector, view: VehicleView) -> Steering:
         lift = np.array([0.0, 0.0, self.ground_m])
         if self._tracker is None:
-            self._tracker = Tracker(self._config.mpc, self._config.mode, self._reference, self._corridor, r_m - lift)
+            self._tracker = Tracker(self._config, self._mpc, self._reference, self._corridor, r_m - lift)
             self._track_from_s = self._sent_s = now_s
         age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
         tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
+        if tick.rung is Rung.BRAKE:
+            self._lost = True
+            return Steering(self._braked(now_s, r_m, v_mps), tick)
         astray = float(np.linalg.norm(r_m - lift - tick.desired_m)) > self._config.mission.lost_track_m
-        self._fresh = tick.solution.usable and not astray
+        self._fresh = not astray
         state = tick.setpoint
         return self._answer(Setpoint(state[:3] + lift, state[3:6], state[6:9], self._yaw_rad), tick)
 
@@ -113,6 +143,21 @@ class Pilot:
     def _answer(self, setpoint: Setpoint, tick: Tick | None = None) -> Steering:
         self._last = setpoint
         return Steering(setpoint, tick)
+
+
+def _check_room(config: RunConfig) -> None:
+    """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up."""
+    if config.mode == "paper":
+        return
+    for key, plan, reference in (
+        ("speed_mps", config.mpc.speed_mps, config.planner.speed_mps),
+        ("acceleration_mps2", motion_limits(config.mpc).acceleration_mps2, config.planner.acceleration_mps2),
+    ):
+        if plan < reference:
+            raise InputError(
+                f"mpc.{key}: {plan:g} (with mpc.tilt_deg) is less than planner.{key} {reference:g}, so the plan could "
+                "not follow its own reference; raise the one or lower the other"
+            )
 
 
 def _yaw(view: VehicleView) -> float:

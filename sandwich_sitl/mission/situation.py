@@ -231,10 +231,15 @@ def at_rest(s: Situation) -> bool:
     return s.view.speed_mps < REST_MPS
 
 
-def left_to_failsafe(s: Situation) -> bool:
-    """Braked for want of a plan before an autopilot that acts when setpoints cease (ArduPilot only hovers)."""
-    gave_up = s.memory.outcome is OutcomeName.FAILSAFE and s.view.autopilot is Autopilot.PX4
-    return gave_up and (at_rest(s) or deadline(s))
+def asked_to_land(s: Situation) -> bool:
+    """Held for want of a plan, and somebody asks for the ground."""
+    return s.memory.outcome is OutcomeName.HELD and stop(s)
+
+
+def hold_over(s: Situation) -> bool:
+    """Held for long enough: what was stopped on request lands soon, what lost its plan waits to be asked first."""
+    waits_s = s.task.config.hold_s if s.memory.outcome is OutcomeName.HELD else s.task.config.prime_s
+    return s.elapsed_s >= min(waits_s, deadline_s(State.HOLD, s.task))
 
 
 def settled(s: Situation) -> bool:
@@ -263,7 +268,7 @@ def deadline_s(state: State, task: Task, entry_speed_mps: float = 0.0) -> float:
         State.TAKEOFF: config.land_timeout_s,
         State.ACTIVE: task.route_s + config.land_timeout_s,
         State.BRAKE: entry_speed_mps / config.brake_mps2 + 2.0,
-        State.HOLD: config.prime_s,
+        State.HOLD: max(config.prime_s, config.hold_s),
         State.LAND: config.land_timeout_s,
         State.WATCH: 3.0 * config.land_timeout_s,  # Return climbs and flies home before it lands
     }.get(state, float("inf"))

@@ -35,9 +35,10 @@ VECTOR_FIELDS = (
     "setpoint_v_mps",
     "setpoint_a_mps2",
     "snap_mps4",
+    "offset_m",
 )
-SCALAR_FIELDS = ("slack_m", "clearance_m")
-INTEGER_FIELDS = ("solver_status", "solver_iterations", "region")
+SCALAR_FIELDS = ("slack_m", "clearance_m", "delay_s", "reference_rate")
+INTEGER_FIELDS = ("solver_status", "solver_iterations", "region", "rung")
 
 
 def component_names(field: str) -> tuple[str, str, str]:
@@ -73,6 +74,7 @@ class PayloadEncoder:
         message = self._control
         set_timestamp(message, t_ns)
         message.phase = record.phase
+        message.fault = record.fault
         for field, x, y, z in _COMPONENTS:
             east, north, up = getattr(record, field)
             setattr(message, x, east)

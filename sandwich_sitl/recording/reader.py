@@ -144,7 +144,8 @@ def _control(payloads: Payloads) -> ControlTrack:
     }
     scalars = {field: _column(payloads, field) for field in SCALAR_FIELDS}
     integers = {field: _column(payloads, field, np.int64) for field in INTEGER_FIELDS}
-    return ControlTrack(t_s=_times(payloads), phase=_strings(payloads, "phase"), **vectors, **scalars, **integers)
+    phase, fault = (_strings(payloads, field) for field in ("phase", "fault"))
+    return ControlTrack(t_s=_times(payloads), phase=phase, fault=fault, **vectors, **scalars, **integers)
 
 
 def _mission(payloads: Payloads) -> MissionTrack:

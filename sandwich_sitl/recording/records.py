@@ -33,6 +33,11 @@ class ControlRecord:
     solver_iterations: int
     region: int  # index into `Corridor`; -1: none
     clearance_m: float  # of the estimate; nan without obstacles
+    offset_m: Vector  # of the vehicle from its set-points, which the controller aims off
+    delay_s: float  # from a set-point to the motion it asks for
+    reference_rate: float  # of the reference's clock; below 1 it waits for the vehicle
+    rung: int  # of the assurance ladder: 0 the tick's own plan, 1 the last one, 2 brake
+    fault: str  # why the tick's own plan was not flown, empty when it was
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ that time and `min_clearance_m` the distance of that continuous path to the obst
 |truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
 """
 
-import dataclasses
 import itertools
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ Section = dict[str, Any]
 ACTIVE = "ACTIVE"
 SAFETY_VIOLATION = "safety_violation"
 REGION_TOLERANCE_M = 1e-9
-INFEASIBLE_STATUS = (3, 4, 5, 6)  # OSQP: primal or dual infeasible, accurate or not
+INFEASIBLE_STATUS = (-1,)  # the solver gave no answer
 
 
 def summarise(log: RunLog) -> Section:
@@ -49,6 +48,7 @@ def summarise(log: RunLog) -> Section:
         "route": _route_section(log.plan),
         "flight": flight,
         "mpc": _mpc_section(log),
+        "assurance": _assurance_section(log),
         "link": _link_section(log),
     }
 
@@ -67,7 +67,7 @@ def format_summary(summary: Section) -> str:
     head = " ".join(f"{key} {_shown(summary[key])}" for key in ("name", "seed", "clock"))
     reason = f" ({summary['reason']})" if summary["reason"] else ""
     lines = [f"outcome  {summary['outcome']}{reason}", f"run      {head}"]
-    for section in ("map", "route", "flight", "mpc", "link"):
+    for section in ("map", "route", "flight", "mpc", "assurance", "link"):
         items = ", ".join(f"{key} {_shown(value)}" for key, value in summary[section].items())
         lines.append(f"{section:8s} {items}")
     return "\n".join(lines)
@@ -126,7 +126,7 @@ def _map_section(plan: FlightPlan | None) -> Section:
         quality.repaired_cells,
         quality.min_jacobian_ratio,
         quality.coverage,
-        dataclasses.asdict(examine(plan.channel_map)),
+        "; ".join(examine(plan.channel_map).failures) or "passed",
         seconds,
     )
     return dict(zip(keys, values, strict=True))
@@ -178,6 +178,7 @@ def _quadrangle_violations(log: RunLog) -> int | None:
 
 def _mpc_section(log: RunLog) -> Section:
     solved = log.control.solver_status != 0
+    slack_m = log.control.slack_m[solved & np.isfinite(log.control.slack_m)]
     timings = log.timings
     return {
         "ticks": int(np.count_nonzero(solved)),
@@ -185,7 +186,22 @@ def _mpc_section(log: RunLog) -> Section:
         "loop_ms": _percentiles(timings.loop_s[timings.solve_s > 0] * 1e3),
         "infeasible": int(np.isin(log.control.solver_status, INFEASIBLE_STATUS).sum()),
         "deadline_misses": int(np.count_nonzero(timings.late_s > 0)),
-        "max_slack_m": float(log.control.slack_m[solved].max()) if solved.any() else None,
+        "max_slack_m": float(slack_m.max()) if slack_m.size else None,
+    }
+
+
+def _assurance_section(log: RunLog) -> Section:
+    """Ticks on each rung of the ladder, how often a plan was refused and how often accepted again, faults in ticks."""
+    rung = log.control.rung
+    fell = int(np.count_nonzero((rung[1:] > 0) & (rung[:-1] == 0))) if rung.size else 0
+    rose = int(np.count_nonzero((rung[1:] == 0) & (rung[:-1] > 0))) if rung.size else 0
+    return {
+        "plan": int(np.count_nonzero(rung == 0)),
+        "shifted": int(np.count_nonzero(rung == 1)),
+        "brake": int(np.count_nonzero(rung == 2)),
+        "fallbacks": fell,
+        "recoveries": rose,
+        "faults": dict(sorted(Counter(fault for fault in log.control.fault if fault).items())),
     }
 
 

@@ -32,6 +32,11 @@ class ControlTrack:
     solver_status: Integers
     solver_iterations: Integers
     region: Integers
+    offset_m: Array
+    delay_s: Array
+    reference_rate: Array
+    rung: Integers
+    fault: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,15 @@ from shapely.geometry.polygon import orient
 
 Array = NDArray[np.float64]
 
+_MANY = 64  # vertices
+
 
 def simplify_outwards(polygon: Polygon, tolerance_m: float) -> Polygon:
     """A valid polygon that covers `polygon` (its holes filled) and reaches at most `tolerance_m` further."""
     given = orient(Polygon(polygon.exterior))
-    ring = [np.asarray(point) for point in given.exterior.coords[:-1]]
     room = given.buffer(tolerance_m)
     shapely.prepare(room)
+    ring = [np.asarray(point) for point in _thinned(given, tolerance_m, room).exterior.coords[:-1]]
     while len(ring) > 4:
         moves = [move for i in range(len(ring)) for move in _moves(ring, i, tolerance_m, room)]
         if not moves:
@@ -33,6 +35,19 @@ def simplify_outwards(polygon: Polygon, tolerance_m: float) -> Polygon:
             break
         ring = keep
     return orient(Polygon(ring))
+
+
+def _thinned(given: Polygon, tolerance_m: float, room: Polygon) -> Polygon:
+    """An outline of very many vertices, grown by less than half the tolerance and thinned by less than that.
+
+    Moves one at a time cost the square of the number of vertices.
+    """
+    if len(given.exterior.coords) <= _MANY:
+        return given
+    thinned = given.buffer(0.45 * tolerance_m, join_style="mitre", mitre_limit=1.5).simplify(0.4 * tolerance_m)
+    if not isinstance(thinned, Polygon) or not thinned.covers(given) or not room.covers(thinned):
+        return given
+    return orient(Polygon(thinned.exterior))
 
 
 def _moves(

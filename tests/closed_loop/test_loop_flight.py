@@ -141,7 +141,9 @@ def test_a_realtime_flight_lands(short_config: Path, tmp_path: Path) -> None:
 
 
 def test_paper_mode_flies_the_papers_pipeline(short_config: Path, tmp_path: Path) -> None:
-    done = run_cli("run", str(short_config), "--set", "mode=paper", "--out", str(tmp_path))
+    done = run_cli(
+        "run", str(short_config), "--set", "mode=paper", "--set", "mpc.bandwidth_radps=4", "--out", str(tmp_path)
+    )
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["outcome"] == "landed"

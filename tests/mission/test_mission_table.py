@@ -117,7 +117,7 @@ def random_situation(state: State, dice: random.Random) -> Situation:
         entry_speed_mps=3.0,
         entry_mode=dice.choice((FlightMode.LOITER, FlightMode.OFFBOARD)),
         mode_seen=dice.random() < 0.5,
-        outcome=dice.choice((None, OutcomeName.FAILSAFE, OutcomeName.INTERRUPTED)),
+        outcome=dice.choice((None, OutcomeName.FAILSAFE, OutcomeName.INTERRUPTED, OutcomeName.HELD)),
         request=request,
     )
     view = standing(
@@ -301,25 +301,41 @@ def test_no_vehicle_is_lost_after_the_connect_timeout() -> None:
     assert run.now_s == pytest.approx(CONFIG.connect_timeout_s, abs=0.1)
 
 
-def test_a_stale_plan_brakes_and_leaves_px4_to_its_failsafe() -> None:
-    run = active()
-    assert run.step(flying(run.now_s), MissionInputs(plan_stale=True)).stream is Stream.BRAKE
-    run.until(State.WATCH, lambda now: flying(now, v_mps=np.zeros(3)))
-    assert run.orders[-1].stream is Stream.NONE
-    critical = {"system_status": SystemStatus.CRITICAL, "mode": FlightMode.RTL}
-    for _ in range(100):
-        assert run.step(flying(run.now_s, **critical)).stream is Stream.NONE
-    end = run.until(State.FAILED, standing)
+@pytest.mark.parametrize("autopilot", [Autopilot.PX4, Autopilot.ARDUPILOT])
+def test_a_lost_plan_brakes_holds_and_lands_on_request(autopilot: Autopilot) -> None:
+    run = active(autopilot)
+    assert run.step(flying(run.now_s, autopilot=autopilot), MissionInputs(plan_stale=True)).stream is Stream.BRAKE
+    still = {"autopilot": autopilot, "v_mps": np.zeros(3)}
+    run.until(State.HOLD, lambda now: flying(now, **still))
+    held_s = run.now_s
+    while run.now_s - held_s < 0.8 * CONFIG.hold_s:
+        assert run.step(flying(run.now_s, **still)).stream is Stream.HOLD
+    orders = run.step(flying(run.now_s, **still), MissionInputs(stop_requests=1))
+    assert (orders.state, orders.commands) == (State.LAND, (SetMode(FlightMode.LAND),))
+    run.step(flying(run.now_s, **still, mode=FlightMode.LAND))
+    end = run.until(State.DONE, lambda now: standing(now, autopilot=autopilot, mode=FlightMode.LAND))
     assert end.finished is not None
-    assert end.finished.outcome == "failsafe"
-    assert SetMode(FlightMode.LAND) not in run.commands
+    assert (end.finished.outcome, end.finished.exit_status) == ("held", 6)
+    assert "no checked plan" in end.finished.reason
 
 
-def test_a_stale_plan_lands_ardupilot_which_would_hover_for_ever() -> None:
-    run = active(Autopilot.ARDUPILOT)
-    run.step(flying(run.now_s, autopilot=Autopilot.ARDUPILOT), MissionInputs(plan_stale=True))
-    run.until(State.LAND, lambda now: flying(now, autopilot=Autopilot.ARDUPILOT, v_mps=np.zeros(3)))
-    assert run.commands[-1] == SetMode(FlightMode.LAND)
+def test_a_lost_plan_that_nobody_asks_about_lands_when_the_hold_is_over() -> None:
+    run = active()
+    run.step(flying(run.now_s), MissionInputs(plan_stale=True))
+    run.until(State.HOLD, lambda now: flying(now, v_mps=np.zeros(3)))
+    held_s = run.now_s
+    run.until(State.LAND, lambda now: flying(now, v_mps=np.zeros(3)))
+    assert run.now_s - held_s == pytest.approx(CONFIG.hold_s, abs=0.1)
+
+
+def test_a_stop_on_request_holds_only_for_as_long_as_it_primes() -> None:
+    run = active()
+    run.step(flying(run.now_s), MissionInputs(stop_requests=1))
+    asked = MissionInputs(stop_requests=1)
+    run.until(State.HOLD, lambda now: flying(now, v_mps=np.zeros(3)), asked)
+    held_s = run.now_s
+    run.until(State.LAND, lambda now: flying(now, v_mps=np.zeros(3)), asked)
+    assert run.now_s - held_s == pytest.approx(CONFIG.prime_s, abs=0.1)
 
 
 def test_ardupilot_takes_off_by_command_and_sees_no_setpoint_meanwhile() -> None:

@@ -93,6 +93,7 @@ def control_record(t_s: float, index: int = 0, **changes: object) -> ControlReco
         "setpoint_v_mps",
         "setpoint_a_mps2",
         "snap_mps4",
+        "offset_m",
     )
     values: dict[str, object] = {
         name: (n + 0.25 + index, -n - 0.5, n * 1e-3 + 1 / 3) for n, name in enumerate(vectors, start=1)
@@ -105,6 +106,10 @@ def control_record(t_s: float, index: int = 0, **changes: object) -> ControlReco
         "solver_iterations": 25 + index % 3,
         "region": int(np.searchsorted([13.0, 27.0], 2.0 + SPEED_MPS * (t_s - 2.0))),
         "clearance_m": 6.0,
+        "delay_s": 0.05,
+        "reference_rate": 1.0,
+        "rung": 0,
+        "fault": "",
     }
     return ControlRecord(t_s=t_s, **(values | changes))  # type: ignore[arg-type]
 

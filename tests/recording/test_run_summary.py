@@ -124,6 +124,22 @@ def test_the_terminal_text_names_every_section(run_log: RunLog) -> None:
         "route",
         "flight",
         "mpc",
+        "assurance",
         "link",
     ]
     assert "rms_error_m 0.200" in text
+
+
+def test_the_ladder_is_counted_from_the_log(run_log: RunLog) -> None:
+    """Ticks on each rung, falls, climbs and faults are those of the track."""
+    rung = np.array([0, 0, 1, 1, 0, 1, 2, 2])
+    fault = ("", "", "a", "b", "", "a", "a", "a")
+    control = dataclasses.replace(run_log.control, rung=rung, fault=fault)
+    section = summarise(
+        dataclasses.replace(run_log, control=dataclasses.replace(run_log.control, rung=rung[:0], fault=()))
+    )
+    assert section["assurance"]["fallbacks"] == 0
+    section = summarise(dataclasses.replace(run_log, control=control))
+    assert section["assurance"] == {
+        "plan": 3, "shifted": 3, "brake": 2, "fallbacks": 2, "recoveries": 1, "faults": {"a": 4, "b": 1}
+    }  # fmt: skip

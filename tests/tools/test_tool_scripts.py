@@ -82,3 +82,17 @@ def test_an_unwritable_target_is_one_line_and_status_2(run_path: Path, tmp_path:
     result = call("export.py", run_path, "--csv", tmp_path / "file" / "out")
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_figures_are_drawn_from_a_log_and_refused_without_a_plan(run_path: Path, tmp_path: Path) -> None:
+    result = call("figures.py", run_path, "--out", tmp_path / "figures")
+    assert result.returncode == 0, result.stderr
+    names = [Path(line).name for line in result.stdout.split()]
+    assert names == ["path.png", "quadrangles.png", "snap.png"]
+    for name in names:
+        data = (tmp_path / "figures" / name).read_bytes()
+        assert data.startswith(b"\x89PNG")
+        assert len(data) > 5000
+    bad = tmp_path / "empty.mcap"
+    bad.write_bytes(b"")
+    assert call("figures.py", bad).returncode == 2

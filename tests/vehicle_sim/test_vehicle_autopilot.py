@@ -7,11 +7,13 @@ from math import cos, dist, hypot, inf, nan, pi, sin, sqrt
 
 import pytest
 
-from vehicle_sim.autopilot.commander import READY_AFTER_S, Commander, Links, Result, SystemStatus
-from vehicle_sim.autopilot.failsafe import Action, Conditions, Decision, Policy, Reason, decide
+from vehicle_sim.autopilot.commander import READY_AFTER_S, Commander, Links
+from vehicle_sim.autopilot.contract import Event
+from vehicle_sim.autopilot.failsafe import POLICY, Decision, Reason, decide
 from vehicle_sim.autopilot.guidance import Sticks, approach_speed
 from vehicle_sim.autopilot.modes import MODE_TABLE, Mode, Need, base_mode
 from vehicle_sim.autopilot.parameters import TABLE, ParameterStore, find_parameter_problem
+from vehicle_sim.autopilot.results import Result, SystemStatus
 from vehicle_sim.autopilot.setpoints import (
     Refusal,
     SetpointMessage,
@@ -20,7 +22,8 @@ from vehicle_sim.autopilot.setpoints import (
     is_flyable,
     wants_to_climb,
 )
-from vehicle_sim.config import BatteryConfig, SensorsConfig, VehicleConfig, WindConfig
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.parts import BatteryConfig, SensorsConfig, WindConfig
 from vehicle_sim.rotation import quaternion_from_euler, yaw_of
 from vehicle_sim.vehicle import Vehicle, step_for_period_us
 
@@ -79,6 +82,7 @@ class Flight:
         return self
 
 
+NO_CAUSE: frozenset[Reason] = frozenset()
 SHORT_RETURN = {"RTL_RETURN_ALT": 6.0}
 
 
@@ -243,10 +247,10 @@ def test_armable_four_seconds_after_boot() -> None:
 
 def test_disarmed_any_mode_is_accepted_but_arming_then_fails() -> None:
     commander = Commander(ParameterStore({}, 0.5))
-    commander.update(READY_AFTER_S, Links(), True, 1.0)
+    commander.update(READY_AFTER_S, Links())
     for mode in (Mode.OFFBOARD, Mode.POSCTL, Mode.MISSION, Mode.LAND):
-        assert commander.request_mode(mode, 5.0, Links()) is Result.ACCEPTED
-        assert commander.arm(5.0, Links()) is Result.TEMPORARILY_REJECTED
+        assert commander.request(Event.MODE, 5.0, Links(), mode) is Result.ACCEPTED
+        assert commander.request(Event.ARM, 5.0, Links()) is Result.TEMPORARILY_REJECTED
 
 
 def test_armed_only_runnable_modes_are_accepted() -> None:
@@ -308,7 +312,7 @@ def test_touch_down_is_gentle() -> None:
     flight = Flight().offboard()
     flight.pilot.request_mode(Mode.LAND)
     speeds = []
-    flight.run(10.0, lambda: speeds.append(flight.vehicle.previous.vd))
+    flight.run(10.0, lambda: speeds.append(float(flight.vehicle.flight.before[5])))
     assert flight.pilot.landed
     assert max(speeds) < 1.0
 
@@ -359,27 +363,40 @@ def test_gaps_in_the_stream(gap_s: float, falls: bool) -> None:
     ],
 )
 def test_offboard_loss_actions(offboard_loss: int, manual_loss: int, mode: Mode) -> None:
-    conditions = Conditions(Mode.OFFBOARD, frozenset({Need.LOCAL_POSITION}), False, False, False)
-    assert decide(conditions, Policy(offboard_loss, manual_loss, 0, 0)) == Decision(mode, Reason.OFFBOARD_LOST)
+    got = decide(
+        Mode.OFFBOARD, Need.LOCAL_POSITION, NO_CAUSE, policy(COM_OBL_RC_ACT=offboard_loss, NAV_RCL_ACT=manual_loss)
+    )
+    assert got == Decision(mode, Reason.OFFBOARD_LOST)
+
+
+def policy(**values: int) -> tuple[int, ...]:
+    """Defaults of the table, but for the values given."""
+    store = ParameterStore(values, 0.5)
+    return tuple(store.integer(name) for name in POLICY)
 
 
 def test_failsafe_table() -> None:
-    fine = frozenset({Need.LOCAL_POSITION, Need.OFFBOARD_SIGNAL})
-    calm = Conditions(Mode.OFFBOARD, fine, False, False, False)
-    default = Policy(0, 2, 0, 0)
-    assert decide(calm, default) == Decision(Mode.OFFBOARD)
-    sticks = replace(calm, present=frozenset({Need.LOCAL_POSITION, Need.MANUAL_CONTROL}))
-    assert decide(sticks, default).mode is Mode.POSCTL
-    assert decide(replace(calm, gcs_lost=True), default).reason is None
-    assert decide(replace(calm, gcs_lost=True), Policy(0, 2, 2, 0)).mode is Mode.RTL
-    assert decide(replace(calm, battery_critical=True), default).reason is None
-    assert decide(replace(calm, battery_critical=True), Policy(0, 2, 0, 3)).mode is Mode.RTL
-    worse = replace(calm, battery_critical=True, battery_emergency=True)
-    assert decide(worse, Policy(0, 2, 0, 3)) == Decision(Mode.LAND, Reason.BATTERY_EMERGENCY)
-    blind = replace(calm, present=frozenset())
-    assert decide(blind, default).mode is Mode.TERMINATE
-    assert decide(replace(calm, present=frozenset({Need.LOCAL_POSITION})), Policy(7, 2, 0, 0)).disarm
-    assert sorted(Action) == [Action.NONE, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE]
+    fine = Need.LOCAL_POSITION | Need.OFFBOARD_SIGNAL | Need.OFFBOARD_POSITION
+    default = policy()
+
+    def flown(*causes: Reason, present: Need = fine, by: tuple[int, ...] = default) -> Decision:
+        return decide(Mode.OFFBOARD, present, frozenset(causes), by)
+
+    assert flown() == Decision(Mode.OFFBOARD)
+    assert flown(present=Need.LOCAL_POSITION | Need.MANUAL_CONTROL).mode is Mode.POSCTL
+    assert flown(Reason.GCS_LOST).reason is None
+    assert flown(Reason.GCS_LOST, by=policy(NAV_DLL_ACT=2)).mode is Mode.RTL
+    assert flown(Reason.BATTERY_CRITICAL).reason is None
+    assert flown(Reason.BATTERY_CRITICAL, by=policy(COM_LOW_BAT_ACT=3)).mode is Mode.RTL
+    assert flown(Reason.BATTERY_EMERGENCY, by=policy(COM_LOW_BAT_ACT=3)) == Decision(
+        Mode.LAND, Reason.BATTERY_EMERGENCY
+    )
+    assert flown(present=Need(0)).mode is Mode.DESCEND
+    assert flown(Reason.GEOFENCE, by=policy(GF_ACTION=3)).mode is Mode.RTL
+    assert flown(Reason.GEOFENCE, by=policy(GF_ACTION=1)).reason is None
+    assert flown(Reason.GEOFENCE, Reason.GCS_LOST, by=policy(GF_ACTION=2, NAV_DLL_ACT=3)).mode is Mode.LAND
+    assert flown(present=Need.LOCAL_POSITION, by=policy(COM_OBL_RC_ACT=7)).disarm
+    assert decide(Mode.RTL, fine, frozenset({Reason.GEOFENCE}), policy(GF_ACTION=2)) == Decision(Mode.RTL)
 
 
 def test_critical_battery_returns_home() -> None:

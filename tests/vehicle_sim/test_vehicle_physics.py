@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicle_sim.battery import fresh_battery, open_circuit_cell_v, step_battery, top_speed_fraction
-from vehicle_sim.config import AirframeConfig, BatteryConfig, HomeConfig, SensorsConfig, WindConfig
+from vehicle_sim.battery import Pack, fresh_battery, open_circuit_cell_v, step_battery, top_speed_fraction
 from vehicle_sim.dynamics import (
     GRAVITY_MPS2,
     Body,
@@ -20,7 +19,8 @@ from vehicle_sim.dynamics import (
     step_free,
 )
 from vehicle_sim.geo import Geodetic, GeoFrame
-from vehicle_sim.noise import spawn_sources
+from vehicle_sim.noise import NoiseTable
+from vehicle_sim.parts import AirframeConfig, BatteryConfig, HomeConfig, SensorsConfig, WindConfig
 from vehicle_sim.rotation import (
     enu_flu_from_ned_frd,
     euler_from_quaternion,
@@ -31,9 +31,9 @@ from vehicle_sim.rotation import (
     rotate_back,
     yaw_of,
 )
-from vehicle_sim.rotors import Demand, RotorModel, Wrench, lag_speeds, mix, unmix
-from vehicle_sim.sensors import NO_ERROR, ErrorModel, pressure_altitude_m, pressure_hpa
-from vehicle_sim.wind import WindModel
+from vehicle_sim.rotors import Demand, RotorModel, Wrench, lag_speeds, mix, rotor_wrench, speed_targets, unmix
+from vehicle_sim.sensors import ErrorModel, EstimateError, next_error, pressure_altitude_m, pressure_hpa
+from vehicle_sim.wind import WindModel, next_value
 
 CALM = (0.0, 0.0, 0.0)
 NO_DRAG = AirframeConfig(linear_drag_n_per_mps=(0.0, 0.0, 0.0), quadratic_drag_n_per_mps2=0.0)
@@ -122,7 +122,7 @@ def test_integrator_is_of_second_order() -> None:
 def test_signs_of_rotors_by_hand() -> None:
     rotors = RotorModel.of(AirframeConfig())
     front_right, rear_left, front_left, rear_right = (
-        rotors.wrench(tuple(100.0 if i == k else 0.0 for i in range(4))) for k in range(4)
+        rotor_wrench(tuple(100.0 if i == k else 0.0 for i in range(4)), rotors) for k in range(4)
     )
     assert front_right.roll_nm < 0 < front_right.pitch_nm  # right side up rolls left, nose up
     assert rear_left.roll_nm > 0 > rear_left.pitch_nm
@@ -154,7 +154,7 @@ def test_mixing_inverts_inside_the_limits_and_matches_the_wrench(
     assert unmix(fractions) == pytest.approx(demand, abs=1e-12)
     config = AirframeConfig()
     rotors = RotorModel.of(config)
-    wrench = rotors.wrench(rotors.speed_targets(fractions, rotors.max_speed_radps))
+    wrench = rotor_wrench(speed_targets(fractions, rotors.max_speed_radps, rotors.max_speed_radps), rotors)
     full = 4 * config.max_thrust_n
     lever = config.arm_m / sqrt(2)
     expected = (thrust * full, roll * full * lever, pitch * full * lever, yaw * full * config.torque_coefficient_m)
@@ -175,7 +175,7 @@ def test_saturated_mixing_keeps_roll_and_pitch_first(thrust: float, roll: float,
 def test_rotor_lag_reaches_63_percent_in_one_time_constant() -> None:
     speeds = (0.0, 0.0, 0.0, 0.0)
     for _ in range(8):
-        speeds = lag_speeds(speeds, (100.0, 50.0, 0.0, 10.0), exp(-0.0025 / 0.02))
+        speeds = lag_speeds(speeds, (100.0, 50.0, 0.0, 10.0), exp(-0.0025 / 0.02), 0.0)
     assert speeds[0] == pytest.approx(100 * (1 - exp(-1)))
 
 
@@ -231,11 +231,10 @@ def test_wind_turns_enu_into_ned_and_gusts_keep_their_spread() -> None:
     model = WindModel.of(
         WindConfig(mean_enu_mps=(1.0, 2.0, 3.0), gust_std_mps=(0.5, 1.0, 0.0), gust_correlation_s=0.5), 0.01
     )
-    assert model.velocity((0, 0, 0)) == (2.0, 1.0, -3.0)
-    noise = spawn_sources(4, ("wind",))["wind"]
+    assert model.mean_ned_mps == (2.0, 1.0, -3.0)
     gust, seen = (0.0, 0.0, 0.0), []
-    for _ in range(100_000):
-        gust = model.next_gust(gust, noise.three())
+    for normal in NoiseTable(4, (("wind", 3),), 100_000).values.tolist():
+        gust = next_value(gust, model.keep, model.kick_ned_mps, tuple(normal))
         seen.append(gust)
     north, east, down = np.std(seen, axis=0)
     assert (north, east) == pytest.approx((1.0, 0.5), rel=0.08)
@@ -246,41 +245,41 @@ def test_wind_turns_enu_into_ned_and_gusts_keep_their_spread() -> None:
 
 def test_estimate_error_has_the_configured_spread() -> None:
     model = ErrorModel.of(SensorsConfig(estimate_correlation_s=0.2), 0.01)
-    noise = spawn_sources(1, ("estimate",))["estimate"]
-    error, seen = NO_ERROR, []
-    for _ in range(40_000):
-        error = model.next_error(error, noise)
+    error, seen = EstimateError(CALM, CALM, CALM), []
+    for row in NoiseTable(1, (("estimate", 9),), 40_000).values.tolist():
+        error = next_error(error, model, tuple(row[:3]), tuple(row[3:6]), tuple(row[6:]))
         seen.append([*error.position_m, *error.velocity_mps])
     assert np.std(seen, axis=0) == pytest.approx([0.02] * 6, rel=0.1)
 
 
-def test_streams_depend_on_seed_and_name_alone() -> None:
-    first, second = spawn_sources(7, ("a", "b")), spawn_sources(7, ("a", "b"))
-    for _ in range(1500):
-        first["a"].one()
-    assert first["b"].three() == second["b"].three()
-    assert spawn_sources(8, ("a", "b"))["b"].three() != spawn_sources(7, ("a", "b"))["b"].three()
-    assert (
-        abs(np.corrcoef([second["a"].one() for _ in range(4000)], [second["b"].one() for _ in range(4000)])[0, 1])
-        < 0.06
-    )
+def test_streams_depend_on_seed_and_place_alone() -> None:
+    table = NoiseTable(7, (("a", 1), ("b", 3)), 50)
+    wider = NoiseTable(7, (("a", 2), ("b", 3)), 50)
+    assert np.array_equal(table.values[:, 1:], wider.values[:, 2:])
+    again, other = NoiseTable(7, (("a", 1), ("b", 3)), 50), NoiseTable(8, (("a", 1), ("b", 3)), 50)
+    assert np.array_equal(table.values, again.values)
+    assert not np.array_equal(table.values, other.values)
+    table.refill()
+    assert not np.array_equal(table.values, again.values)
+    long = NoiseTable(7, (("a", 1), ("b", 1)), 4000).values
+    assert abs(np.corrcoef(long[:, 0], long[:, 1])[0, 1]) < 0.06
 
 
 def test_battery_sags_empties_and_slows_the_rotors() -> None:
     config, rotors = BatteryConfig(), RotorModel.of(AirframeConfig())
     hover = (rotors.max_speed_radps * 0.77,) * 4
     state = fresh_battery(config)
-    idle = step_battery(state, (0, 0, 0, 0), rotors, config, 0.01)
-    loaded = step_battery(state, hover, rotors, config, 0.01)
+    idle = step_battery(state, (0, 0, 0, 0), rotors, Pack.of(config), 0.01)
+    loaded = step_battery(state, hover, rotors, Pack.of(config), 0.01)
     assert loaded.voltage_v < idle.voltage_v < config.cells * 4.2
     assert 5.0 < loaded.current_a < 40.0
     charges = []
     for _ in range(400):
-        state = step_battery(state, hover, rotors, config, 10.0)
+        state = step_battery(state, hover, rotors, Pack.of(config), 10.0)
         charges.append(state.charge)
     assert charges == sorted(charges, reverse=True)
     assert state.charge == 0.0
-    assert 0.5 < top_speed_fraction(state, config) < 1.0
+    assert 0.5 < top_speed_fraction(state.voltage_v, config.cells) < 1.0
     assert state.consumed_ah > config.capacity_ah
     assert [open_circuit_cell_v(c) for c in (0.0, 0.5, 1.0)] == pytest.approx([3.0, 3.78, 4.18])
 
@@ -289,7 +288,7 @@ def test_battery_conserves_charge() -> None:
     config, rotors = BatteryConfig(), RotorModel.of(AirframeConfig())
     state, drawn_as = fresh_battery(config), 0.0
     for _ in range(1000):
-        state = step_battery(state, (500.0,) * 4, rotors, config, 0.1)
+        state = step_battery(state, (500.0,) * 4, rotors, Pack.of(config), 0.1)
         drawn_as += state.current_a * 0.1
     assert (1.0 - state.charge) * config.capacity_ah == pytest.approx(drawn_as / 3600.0)
 

@@ -360,11 +360,14 @@ def test_bad_configuration_is_one_line_and_status_2(
 @pytest.mark.parametrize(
     "options",
     [
-        ["--connect", "tcp://127.0.0.1:1"],
+        ["--connect", "serial://127.0.0.1:1"],
         ["--connect", "udpout://127.0.0.1"],
         ["--connect", "udpout://127.0.0.1:99999"],
         ["--connect", "udpin://127.0.0.1:0", "--bind", "127.0.0.1:0"],
         ["--connect", "udpout://127.0.0.1:9", "--set", "seed"],
+        ["--connect", "udpout://127.0.0.1:9", "--truth", "udpin://127.0.0.1:9"],
+        ["--connect", "udpout://127.0.0.1:9", "--count", "0"],
+        [],
         ["--connect", "udpout://127.0.0.1:9", "--set", "vehicle.wind.gusts=3"],
         ["--connect", "udpout://127.0.0.1:9", "--speed", "-1"],
         ["--connect", "udpout://127.0.0.1:9", "--bind", "127.0.0.1:0", "--log", "/dev/null/log.mcap"],

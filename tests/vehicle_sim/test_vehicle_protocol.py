@@ -9,56 +9,19 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.autopilot.commander import Severity, Text
-from vehicle_sim.config import HomeConfig, SensorsConfig, VehicleConfig
-from vehicle_sim.mavlink_codec import Codec, split_frames
-from vehicle_sim.node import Node
+from vehicle_sim.autopilot.results import Severity, Text
+from vehicle_sim.config import VehicleConfig
+from vehicle_sim.parts import HomeConfig
+from vehicle_sim.protocol.codec import Codec, split_frames
+from vehicle_sim.protocol.node import Node
 from vehicle_sim.vehicle import Vehicle
 
-CLIENT, OTHER = "client", "other"
-EXACT = SensorsConfig(
-    estimate_position_std_m=0, estimate_velocity_std_mps=0, estimate_attitude_std_rad=0, gyroscope_std_radps=0
-)
-
-
-class Client:
-    """Talks to a node as one client would."""
-
-    def __init__(self, node: Node, name: str = CLIENT, system: int = 245, component: int = 190) -> None:
-        self.node, self.name = node, name
-        self.mav = mavlink.MAVLink(None, system, component)
-        self.codec = Codec(1)
-        node.session(name)
-
-    def send(self, message: Any) -> list[Any]:
-        """Send, and return what comes back at once."""
-        for received in self.codec.decode(message.pack(self.mav)):
-            self.node.handle(self.name, received)
-        return self.receive()
-
-    def receive(self) -> list[Any]:
-        frames = self.node.take(self.node.session(self.name))
-        return [received.message for frame in frames for received in self.codec.decode(frame)]
-
-    def run(self, seconds: float) -> list[Any]:
-        self.node.advance_to(self.node.vehicle.t_us + round(seconds * 1e6))
-        return self.receive()
-
-    def command(self, number: int, *parameters: float, system: int = 1) -> list[Any]:
-        padded = [*parameters, *([0.0] * (7 - len(parameters)))]
-        return self.send(mavlink.MAVLink_command_long_message(system, 1, number, 0, *padded))
-
-    def results(self, number: int, *parameters: float) -> list[int]:
-        return [m.result for m in self.command(number, *parameters) if m.get_type() == "COMMAND_ACK"]
+from .node_client import CLIENT, EXACT, OTHER, Client, named
 
 
 @pytest.fixture
 def client() -> Client:
     return Client(Node(Vehicle(VehicleConfig(sensors=EXACT, initial_yaw_deg=90.0), 1), lockstep=False))
-
-
-def named(messages: list[Any], name: str) -> list[Any]:
-    return [m for m in messages if m.get_type() == name]
 
 
 def test_streams_run_at_the_onboard_rates(client: Client) -> None:
@@ -69,7 +32,9 @@ def test_streams_run_at_the_onboard_rates(client: Client) -> None:
         **dict.fromkeys(("LOCAL_POSITION_NED", "ODOMETRY"), 30),
         **dict.fromkeys(("TIMESYNC", "ALTITUDE", "VFR_HUD", "SERVO_OUTPUT_RAW", "ATTITUDE_TARGET"), 10),
         **dict.fromkeys(("SYS_STATUS", "EXTENDED_SYS_STATE"), 5),
-        **dict.fromkeys(("HEARTBEAT", "ESTIMATOR_STATUS", "SYSTEM_TIME", "PING", "SCALED_PRESSURE"), 1),
+        **dict.fromkeys(
+            ("HEARTBEAT", "ESTIMATOR_STATUS", "SYSTEM_TIME", "PING", "SCALED_PRESSURE", "MISSION_CURRENT"), 1
+        ),
         **dict.fromkeys(("HOME_POSITION", "BATTERY_STATUS", "VIBRATION"), 0.5),
         "POSITION_TARGET_LOCAL_NED": 10,
         "ATTITUDE": 100,
@@ -105,7 +70,6 @@ def test_state_north_east_and_up_have_the_right_signs(client: Client) -> None:
     vehicle = client.node.vehicle
     client.run(5.0)
     vehicle.state = vehicle.state._replace(n=10.0, e=20.0, d=-30.0, vn=1.0, ve=2.0, vd=-3.0)
-    vehicle.step()
     client.receive()
     for name in (32, 33, 141, 74):
         assert client.results(512, name) == [0]
@@ -223,13 +187,6 @@ def test_parameters_are_read_set_and_refused(client: Client) -> None:
     assert (store["MPC_XY_P"], store.integer("COM_OBL_RC_ACT")) == (1.25, 5)
     assert set_to("NO_SUCH", 1.0, 9) == []
     assert client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
-
-
-def test_there_is_no_mission(client: Client) -> None:
-    (count,) = named(client.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0)), "MISSION_COUNT")
-    assert count.count == 0
-    (refusal,) = named(client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0)), "MISSION_ACK")
-    assert refusal.type == mavlink.MAV_MISSION_UNSUPPORTED
 
 
 def test_refused_setpoints_are_no_proof_of_life(client: Client) -> None:

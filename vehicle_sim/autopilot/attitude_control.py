@@ -6,15 +6,17 @@
 Torques are normalised: 1 is the torque of full differential thrust.
 """
 
-from dataclasses import dataclass
 from math import atan2, cos, exp, pi, radians, sin, sqrt
+from typing import NamedTuple
 
 from vehicle_sim.autopilot.parameters import ParameterStore
+from vehicle_sim.compiled import inlined
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_from_axes, quaternion_multiply, rotate_back
 
 _D_CUTOFF_HZ = 40.0
 
 
+@inlined
 def attitude_from_thrust(thrust_ned: Vector, yaw_rad: float) -> tuple[Quaternion, float]:
     """(q_sp, collective): the attitude whose -z body axis points along the thrust, with the given heading."""
     tx, ty, tz = thrust_ned
@@ -35,8 +37,7 @@ def attitude_from_thrust(thrust_ned: Vector, yaw_rad: float) -> tuple[Quaternion
     return quaternion_from_axes((xx, xy, xz), y_b, (zx, zy, zz)), size
 
 
-@dataclass(frozen=True)
-class AttitudeGains:
+class AttitudeGains(NamedTuple):
     """Attitude P (the yaw weight is divided out, as in PX4) and rate limits."""
 
     gain: Vector
@@ -59,6 +60,7 @@ class AttitudeGains:
         )
 
 
+@inlined
 def rate_setpoint(q_wb: Quaternion, q_sp: Quaternion, yaw_rate_radps: float, gains: AttitudeGains) -> Vector:
     """Body rates that turn q towards q_sp, tilt before heading (PX4's AttitudeControl).
 
@@ -71,7 +73,7 @@ def rate_setpoint(q_wb: Quaternion, q_sp: Quaternion, yaw_rate_radps: float, gai
     q_aim = quaternion_multiply(q_red, (cos(half_yaw), 0.0, 0.0, sin(half_yaw)))
     q_e = quaternion_multiply((q_wb[0], -q_wb[1], -q_wb[2], -q_wb[3]), q_aim)
     scale = 2.0 if q_e[0] >= 0.0 else -2.0
-    down = rotate_back(q_wb, (0.0, 0.0, yaw_rate_radps)) if yaw_rate_radps else (0.0, 0.0, 0.0)
+    down = rotate_back(q_wb, (0.0, 0.0, yaw_rate_radps))
     kx, ky, kz = gains.gain
     lx, ly, lz = gains.limit_radps
     return (
@@ -81,6 +83,7 @@ def rate_setpoint(q_wb: Quaternion, q_sp: Quaternion, yaw_rate_radps: float, gai
     )
 
 
+@inlined
 def _tilt_between(q_wb: Quaternion, q_sp: Quaternion) -> Quaternion:
     """q_red: the attitude with the thrust axis of q_sp that is nearest to q."""
     w, x, y, z = q_wb
@@ -94,13 +97,13 @@ def _tilt_between(q_wb: Quaternion, q_sp: Quaternion) -> Quaternion:
     return quaternion_multiply(turn, q_wb)
 
 
+@inlined
 def _half_angle(w: float, z: float) -> float:
     """Half the turn about z of a quaternion with w >= 0, within +-pi/2."""
     return atan2(z, w)
 
 
-@dataclass(frozen=True)
-class RateGains:
+class RateGains(NamedTuple):
     """Rate PID for roll, pitch, yaw."""
 
     p: Vector
@@ -130,42 +133,41 @@ class RateGains:
         )
 
 
-class RateController:
-    """The innermost loop; call `update` at a fixed period."""
+class RateOutput(NamedTuple):
+    """Normalised torque, the integral, and the low-passed rate whose derivative damps."""
 
-    def __init__(self, gains: RateGains, dt_s: float) -> None:
-        self.gains = gains
-        self._dt_s = dt_s
-        self._keep = exp(-2.0 * pi * _D_CUTOFF_HZ * dt_s)
-        self.reset()
+    torque: Vector
+    integral: Vector
+    smooth_radps: Vector
 
-    def reset(self) -> None:
-        """Forget integral and derivative."""
-        self._integral: Vector = (0.0, 0.0, 0.0)
-        self._smooth: Vector | None = None
 
-    def update(self, omega_sp: Vector, omega: Vector) -> Vector:
-        """Normalised torque. The derivative is of the low-passed rate."""
-        g, dt = self.gains, self._dt_s
-        ex, ey, ez = omega_sp[0] - omega[0], omega_sp[1] - omega[1], omega_sp[2] - omega[2]
-        old = self._smooth or omega
-        k = self._keep
-        sx, sy, sz = (
-            omega[0] + (old[0] - omega[0]) * k,
-            omega[1] + (old[1] - omega[1]) * k,
-            omega[2] + (old[2] - omega[2]) * k,
-        )
-        self._smooth = (sx, sy, sz)
-        ix, iy, iz = self._integral
-        torque = (
-            g.p[0] * ex + ix - g.d[0] * (sx - old[0]) / dt + g.feed_forward[0] * omega_sp[0],
-            g.p[1] * ey + iy - g.d[1] * (sy - old[1]) / dt + g.feed_forward[1] * omega_sp[1],
-            g.p[2] * ez + iz - g.d[2] * (sz - old[2]) / dt + g.feed_forward[2] * omega_sp[2],
-        )
-        lx, ly, lz = g.integral_limit
-        self._integral = (
-            max(-lx, min(lx, ix + g.i[0] * ex * dt)),
-            max(-ly, min(ly, iy + g.i[1] * ey * dt)),
-            max(-lz, min(lz, iz + g.i[2] * ez * dt)),
-        )
-        return torque
+def derivative_keep(dt_s: float) -> float:
+    """Share that the low-pass of the derivative keeps over one step."""
+    return exp(-2.0 * pi * _D_CUTOFF_HZ * dt_s)
+
+
+@inlined
+def control_rates(
+    omega_sp: Vector, omega: Vector, integral: Vector, smooth: Vector, gains: RateGains, keep: float, dt_s: float
+) -> RateOutput:
+    """One step of the innermost loop, at a fixed period."""
+    g = gains
+    ex, ey, ez = omega_sp[0] - omega[0], omega_sp[1] - omega[1], omega_sp[2] - omega[2]
+    sx, sy, sz = (
+        omega[0] + (smooth[0] - omega[0]) * keep,
+        omega[1] + (smooth[1] - omega[1]) * keep,
+        omega[2] + (smooth[2] - omega[2]) * keep,
+    )
+    ix, iy, iz = integral
+    torque = (
+        g.p[0] * ex + ix - g.d[0] * (sx - smooth[0]) / dt_s + g.feed_forward[0] * omega_sp[0],
+        g.p[1] * ey + iy - g.d[1] * (sy - smooth[1]) / dt_s + g.feed_forward[1] * omega_sp[1],
+        g.p[2] * ez + iz - g.d[2] * (sz - smooth[2]) / dt_s + g.feed_forward[2] * omega_sp[2],
+    )
+    lx, ly, lz = g.integral_limit
+    grown = (
+        max(-lx, min(lx, ix + g.i[0] * ex * dt_s)),
+        max(-ly, min(ly, iy + g.i[1] * ey * dt_s)),
+        max(-lz, min(lz, iz + g.i[2] * ez * dt_s)),
+    )
+    return RateOutput(torque, grown, (sx, sy, sz))

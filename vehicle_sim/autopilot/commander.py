@@ -1,58 +1,22 @@
-"""Arming, modes and failsafes: what PX4's commander decides. No I/O; time is an argument (seconds since boot).
+"""Arming, modes and failsafes: gathers facts, looks the contract's table up, carries the row out. No I/O; time is an argument (s).
 
 State: the pilot's mode, armed, landed timers, link times. Every answer is a `Result` (MAV_RESULT) and texts in `texts`.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from math import inf
-from typing import NamedTuple
 
-from vehicle_sim.autopilot.failsafe import Conditions, Decision, Policy, Reason, decide
+from vehicle_sim.autopilot.contract import Effect, Event, fact_bits, find_row
+from vehicle_sim.autopilot.failsafe import POLICY, Decision, Reason, decide
 from vehicle_sim.autopilot.modes import MODE_TABLE, Mode, Need, runnable
 from vehicle_sim.autopilot.parameters import ParameterStore
+from vehicle_sim.autopilot.results import Result, Severity, SystemStatus, Text
 
 #: Boot to a converged estimate, as measured on PX4.
 READY_AFTER_S = 4.0
 #: PX4 looks for a lost signal ten times a second; on average it acts this much after the time-out.
 LOSS_CHECK_S = 0.06
-FORCE_MAGIC = 21196.0
-
-
-class Result(IntEnum):
-    """MAV_RESULT."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-    UNSUPPORTED_MAV_FRAME = 9
-
-
-class Severity(IntEnum):
-    """MAV_SEVERITY."""
-
-    EMERGENCY = 0
-    CRITICAL = 2
-    WARNING = 4
-    INFO = 6
-
-
-class Text(NamedTuple):
-    """One STATUSTEXT."""
-
-    severity: Severity
-    text: str
-
-
-class SystemStatus(IntEnum):
-    """MAV_STATE."""
-
-    UNINIT = 0
-    STANDBY = 3
-    ACTIVE = 4
-    CRITICAL = 5
+_NEVER_OVERRIDDEN = frozenset({Reason.BATTERY_EMERGENCY})
 
 
 @dataclass(frozen=True)
@@ -64,21 +28,38 @@ class Links:
     gcs_s: float = -inf
 
 
+@dataclass
+class Health:
+    """What the rest of the vehicle knows and the commander decides by. Written by the autopilot before every update."""
+
+    estimate_good: bool = True
+    landed: bool = True
+    battery: float = 1.0
+    geofence_broken: bool = False
+    mission_ready: bool = False
+    offboard_needs_position: bool = True
+
+
 class Commander:
     """Call `update` at 50 Hz; requests may come at any time between."""
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._parameters = parameters
+        self.health = Health()
         self.mode = Mode.LOITER
         self.armed = False
+        self.has_flown = False
         self.decision = Decision(Mode.LOITER)
         self.texts: list[Text] = []
-        self.has_flown = False
         self._armed_s = 0.0
         self._landed_s = 0.0
         self._ready = False
-        self._battery_level = 1.0
+        self._manual_at_arming = False
+        self._warned_battery = 1.0
+        self._warned_fence = False
         self._overridden: frozenset[Reason] = frozenset()
+        self._revision = -1
+        self._policy: tuple[int, ...] = ()
 
     @property
     def flown_mode(self) -> Mode:
@@ -97,122 +78,138 @@ class Commander:
         """Pre-arm checks pass, apart from those of the mode."""
         return self._ready
 
-    def present(self, t_s: float, links: Links) -> frozenset[Need]:
-        """The needs of modes that are met now."""
-        needs = set()
-        if t_s >= READY_AFTER_S:
-            needs.add(Need.LOCAL_POSITION)
-        if t_s - links.offboard_s <= self._parameters["COM_OF_LOSS_T"] + (LOSS_CHECK_S if self.armed else 0.0):
-            needs.add(Need.OFFBOARD_SIGNAL)
-        if t_s - links.manual_s <= self._parameters["COM_RC_LOSS_T"]:
-            needs.add(Need.MANUAL_CONTROL)
-        return frozenset(needs)
+    def present(self, t_s: float, links: Links) -> int:
+        """The needs of modes that are met now, as bits of `Need` (plain numbers: enum arithmetic is slow)."""
+        p, health, needs = self._parameters, self.health, 0
+        position = t_s >= READY_AFTER_S and health.estimate_good
+        if position:
+            needs |= _LOCAL_POSITION
+        if position or (t_s >= READY_AFTER_S and not health.offboard_needs_position):
+            needs |= _OFFBOARD_POSITION
+        if t_s - links.offboard_s <= p["COM_OF_LOSS_T"] + (LOSS_CHECK_S if self.armed else 0.0):
+            needs |= _OFFBOARD_SIGNAL
+        if t_s - links.manual_s <= p["COM_RC_LOSS_T"]:
+            needs |= _MANUAL_CONTROL
+        if health.mission_ready:
+            needs |= _MISSION
+        return needs
 
-    def request_mode(self, mode: Mode, t_s: float, links: Links) -> Result:
-        """Row 6: disarmed everything is accepted, armed only what can be flown."""
-        if self.armed and not runnable(mode, self.present(t_s, links)):
-            label = MODE_TABLE[mode].label
-            self.say(Severity.CRITICAL, f"Switching to {label} is currently not available")
-            return Result.TEMPORARILY_REJECTED
-        if self.decision.reason is not None and mode is not self.mode:
-            self._overridden |= {self.decision.reason} - {Reason.BATTERY_EMERGENCY}
-        self.mode = mode
-        self._decide(t_s, links)
-        return Result.ACCEPTED
+    def facts(self, t_s: float, links: Links, asked: Mode | None = None) -> int:
+        """What is known now, for the table: bits of `Fact`."""
+        p, present, health = self._parameters, self.present(t_s, links), self.health
+        row = MODE_TABLE[self.mode]
+        healthy = t_s >= READY_AFTER_S and health.estimate_good and health.battery > p["BAT_CRIT_THR"]
+        return fact_bits(
+            self.armed,
+            health.landed,
+            self.has_flown,
+            healthy,
+            row.can_arm,
+            runnable(self.mode, present),
+            asked is not None,
+            asked is not None and runnable(asked, present),
+            0.0 < p["COM_DISARM_LAND"] < t_s - self._landed_s,
+            0.0 < p["COM_DISARM_PRFLT"] < t_s - self._armed_s,
+            self.decision.reason is not None,
+            self.decision.disarm,
+        )
 
-    def arm(self, t_s: float, links: Links, by: str = "external command") -> Result:
-        """Row 9. Arming an armed vehicle is accepted."""
-        if self.armed:
-            return Result.ACCEPTED
-        problem = self._arming_problem(t_s, links)
-        if problem is not None:
-            self.say(Severity.CRITICAL, f"Arming denied: {problem}")
-            return Result.TEMPORARILY_REJECTED
-        self.armed, self.has_flown = True, False
-        self._armed_s = t_s
-        self._overridden = frozenset()
-        self.say(Severity.INFO, f"Armed by {by}")
-        self._decide(t_s, links)
-        return Result.ACCEPTED
+    def request(self, event: Event, t_s: float, links: Links, asked: Mode | None = None) -> Result:
+        """Answer what somebody asked for. Rows 6 and 9 of PX4's behaviour are rows of the table."""
+        row = find_row(event, self.facts(t_s, links, asked))
+        if row.severity is not None:
+            label = MODE_TABLE[asked].label if asked is not None else ""
+            self.say(row.severity, row.text.format(mode=label))
+        self._carry_out(row.effect, t_s, links, asked)
+        return Result.ACCEPTED if row.result is None else row.result
 
-    def disarm(
-        self, t_s: float, links: Links, landed: bool, by: str = "external command", force: bool = False
-    ) -> Result:
-        """Refused in the air unless forced."""
-        if not self.armed:
-            return Result.ACCEPTED
-        if not landed and not force:
-            self.say(Severity.CRITICAL, "Disarming denied: not landed")
-            return Result.TEMPORARILY_REJECTED
-        self.armed = False
-        self.say(Severity.INFO, f"Disarmed by {by}")
-        self._decide(t_s, links)
-        return Result.ACCEPTED
-
-    def update(self, t_s: float, links: Links, landed: bool, battery_charge: float) -> None:
+    def update(self, t_s: float, links: Links) -> None:
         """Timers and failsafes."""
-        self._ready = t_s >= READY_AFTER_S
-        self._warn_of_battery(battery_charge)
+        self._ready = t_s >= READY_AFTER_S and self.health.estimate_good
+        self._warn()
         if self.armed:
-            self._disarm_by_itself(t_s, links, landed)
+            if not self.health.landed:
+                self.has_flown, self._landed_s = True, t_s
+            if self.health.landed or self.decision.disarm:  # no row of the table acts on a tick otherwise
+                self.request(Event.TICK, t_s, links)
         before = self.decision
         self._decide(t_s, links)
         if self.decision.reason is not None and before.reason is None:
             self.say(Severity.CRITICAL, "Failsafe activated")
-        if self.decision.disarm and self.armed:
-            self.disarm(t_s, links, landed, by="failsafe", force=True)
 
     def say(self, severity: Severity, text: str) -> None:
         """Queue a STATUSTEXT."""
         self.texts.append(Text(severity, text))
 
-    def _arming_problem(self, t_s: float, links: Links) -> str | None:
-        low = self._battery_level <= self._parameters["BAT_CRIT_THR"]
-        row = MODE_TABLE[self.mode]
-        if t_s < READY_AFTER_S or low or not row.can_arm or not runnable(self.mode, self.present(t_s, links)):
-            return "Resolve system health failures first"
-        return None
+    def _carry_out(self, effect: Effect, t_s: float, links: Links, asked: Mode | None) -> None:
+        if effect is Effect.NOTHING:
+            return
+        if effect is Effect.ARM:
+            self.armed, self.has_flown, self._armed_s = True, False, t_s
+            self._overridden = frozenset()
+            self._manual_at_arming = bool(self.present(t_s, links) & _MANUAL_CONTROL)
+        elif effect is Effect.DISARM:
+            self.armed = False
+        elif effect is Effect.TERMINATE:
+            self.mode = Mode.TERMINATE
+        elif asked is not None:
+            if effect is Effect.OVERRIDE and asked is not self.mode and self.decision.reason is not None:
+                self._overridden |= {self.decision.reason} - _NEVER_OVERRIDDEN
+            self.mode = asked
+        self._decide(t_s, links)
 
     def _decide(self, t_s: float, links: Links) -> None:
         if not self.armed:
             self.decision = Decision(self.mode)
             return
-        p = self._parameters
-        conditions = Conditions(
-            self.mode,
-            self.present(t_s, links),
-            gcs_lost=t_s - links.gcs_s > p["COM_DL_LOSS_T"],
-            battery_critical=self._battery_level <= p["BAT_CRIT_THR"],
-            battery_emergency=self._battery_level <= p["BAT_EMERGEN_THR"],
-            overridden=self._overridden,
-        )
-        policy = Policy(
-            p.integer("COM_OBL_RC_ACT"),
-            p.integer("NAV_RCL_ACT"),
-            p.integer("NAV_DLL_ACT"),
-            p.integer("COM_LOW_BAT_ACT"),
-        )
-        self.decision = decide(conditions, policy)
+        if self._revision != self._parameters.revision:
+            self._revision = self._parameters.revision
+            self._policy = tuple(self._parameters.integer(name) for name in POLICY)
+        self.decision = decide(self.mode, self.present(t_s, links), self._causes(t_s, links), self._policy)
 
-    def _disarm_by_itself(self, t_s: float, links: Links, landed: bool) -> None:
-        """Row 10: COM_DISARM_LAND after landing, COM_DISARM_PRFLT without take-off; a parameter of 0 or less switches it off."""
-        p = self._parameters
-        if not landed:
-            self.has_flown, self._landed_s = True, t_s
-        elif self.has_flown:
-            if 0.0 < p["COM_DISARM_LAND"] < t_s - self._landed_s:
-                self.disarm(t_s, links, landed, by="landing")
-        elif 0.0 < p["COM_DISARM_PRFLT"] < t_s - self._armed_s:
-            self.disarm(t_s, links, landed, by="auto preflight disarming")
+    def _causes(self, t_s: float, links: Links) -> frozenset[Reason]:
+        p, health = self._parameters, self.health
+        causes: list[Reason] = []
+        if t_s - links.gcs_s > p["COM_DL_LOSS_T"]:
+            causes.append(Reason.GCS_LOST)
+        if health.geofence_broken:
+            causes.append(Reason.GEOFENCE)
+        if health.battery <= p["BAT_EMERGEN_THR"]:
+            causes.append(Reason.BATTERY_EMERGENCY)
+        elif health.battery <= p["BAT_CRIT_THR"]:
+            causes.append(Reason.BATTERY_CRITICAL)
+        if self._manual_lost_matters(t_s, links):
+            causes.append(Reason.MANUAL_LOST)
+        return frozenset(causes) - self._overridden if causes else _NO_CAUSE
 
-    def _warn_of_battery(self, charge: float) -> None:
-        for name, severity, text in (
-            ("BAT_EMERGEN_THR", Severity.EMERGENCY, "Emergency battery level"),
-            ("BAT_CRIT_THR", Severity.CRITICAL, "Critical battery"),
-            ("BAT_LOW_THR", Severity.WARNING, "Low battery level"),
-        ):
-            threshold = self._parameters[name]
-            if charge <= threshold < self._battery_level:
-                self.say(severity, text)
+    def _manual_lost_matters(self, t_s: float, links: Links) -> bool:
+        """Sticks that were there at arming and are gone, unless COM_RCL_EXCEPT excepts the mode."""
+        p = self._parameters
+        if not self._manual_at_arming or p.integer("COM_RC_IN_MODE") == _STICKS_OFF:
+            return False
+        excepted = _EXCEPTIONS.get(self.mode, 0) & p.integer("COM_RCL_EXCEPT")
+        return not excepted and t_s - links.manual_s > p["COM_RC_LOSS_T"]
+
+    def _warn(self) -> None:
+        charge, p = self.health.battery, self._parameters
+        for name, severity, reason in _BATTERY_WARNINGS:
+            if charge <= p[name] < self._warned_battery:
+                self.say(severity, reason.value)
                 break
-        self._battery_level = charge
+        self._warned_battery = charge
+        broken = self.health.geofence_broken and p.integer("GF_ACTION") > 0
+        if broken and not self._warned_fence:
+            self.say(Severity.CRITICAL, Reason.GEOFENCE.value)
+        self._warned_fence = broken
+
+
+_NO_CAUSE: frozenset[Reason] = frozenset()
+_LOCAL_POSITION, _MANUAL_CONTROL, _MISSION = int(Need.LOCAL_POSITION), int(Need.MANUAL_CONTROL), int(Need.MISSION)
+_OFFBOARD_SIGNAL, _OFFBOARD_POSITION = int(Need.OFFBOARD_SIGNAL), int(Need.OFFBOARD_POSITION)
+_STICKS_OFF = 4
+_EXCEPTIONS = {Mode.MISSION: 1, Mode.LOITER: 2, Mode.TAKEOFF: 2, Mode.LAND: 2, Mode.RTL: 2, Mode.OFFBOARD: 4}
+_BATTERY_WARNINGS = (
+    ("BAT_EMERGEN_THR", Severity.EMERGENCY, Reason.BATTERY_EMERGENCY),
+    ("BAT_CRIT_THR", Severity.CRITICAL, Reason.BATTERY_CRITICAL),
+    ("BAT_LOW_THR", Severity.WARNING, Reason.BATTERY_LOW),
+)

@@ -1,57 +1,89 @@
 """What overrides the pilot's mode: a pure function of the conditions, so that a failsafe ends when its cause does.
 
-Source: PX4's failsafe table. The most severe action wins; an action that cannot be flown gives way to the next in
-Hold, Return, Land, Terminate.
+Source: PX4's failsafe table. A row names a cause, the value of the parameter that chooses, and the action. The most severe action wins; one
+that cannot be flown gives way to the next of Hold, Return, Land, Descend.
 """
 
-from dataclasses import dataclass
 from enum import Enum, IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
-from vehicle_sim.autopilot.modes import Mode, Need, runnable
+from vehicle_sim.autopilot.modes import MODE_TABLE, STICK_MODES, Mode, Need, runnable
 
 
 class Action(IntEnum):
     """In order of severity."""
 
     NONE = 0
-    HOLD = 1
-    RETURN = 2
-    LAND = 3
-    DISARM = 4
-    TERMINATE = 5
+    WARN = 1
+    HOLD = 2
+    RETURN = 3
+    LAND = 4
+    DESCEND = 5
+    DISARM = 6
+    TERMINATE = 7
 
 
 class Reason(Enum):
-    """Why a failsafe acts."""
+    """Why a failsafe acts. The value is what the operator reads."""
 
     OFFBOARD_LOST = "Offboard signal lost"
     MANUAL_LOST = "Manual control lost"
     GCS_LOST = "Ground station lost"
+    GEOFENCE = "Geofence violated"
+    BATTERY_LOW = "Low battery level"
     BATTERY_CRITICAL = "Critical battery"
     BATTERY_EMERGENCY = "Emergency battery level"
+    MODE_UNAVAILABLE = "Mode not available"
 
 
-@dataclass(frozen=True)
-class Policy:
-    """The parameters that choose the actions."""
+class FailsafeRow(NamedTuple):
+    """`fallback` is a mode flown by sticks that is taken instead of the action when sticks are there."""
 
-    offboard_loss: int  # COM_OBL_RC_ACT
-    manual_loss: int  # NAV_RCL_ACT
-    gcs_loss: int  # NAV_DLL_ACT
-    low_battery: int  # COM_LOW_BAT_ACT
+    reason: Reason
+    parameter: str
+    value: int
+    action: Action
+    fallback: Mode | None = None
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """What is known now. `present` are the needs of modes that are met."""
+_A = Action
 
-    mode: Mode
-    present: frozenset[Need]
-    gcs_lost: bool
-    battery_critical: bool
-    battery_emergency: bool
-    overridden: frozenset[Reason] = frozenset()
+
+def _rows(reason: Reason, parameter: str, actions: dict[int, Action]) -> tuple[FailsafeRow, ...]:
+    return tuple(FailsafeRow(reason, parameter, value, action) for value, action in actions.items())
+
+
+_LINK = {1: _A.HOLD, 2: _A.RETURN, 3: _A.LAND, 5: _A.TERMINATE, 6: _A.DISARM}
+FAILSAFES: tuple[FailsafeRow, ...] = (
+    FailsafeRow(Reason.OFFBOARD_LOST, "COM_OBL_RC_ACT", 0, _A.NONE, Mode.POSCTL),
+    FailsafeRow(Reason.OFFBOARD_LOST, "COM_OBL_RC_ACT", 1, _A.NONE, Mode.ALTCTL),
+    FailsafeRow(Reason.OFFBOARD_LOST, "COM_OBL_RC_ACT", 2, _A.NONE, Mode.STABILIZED),
+    *_rows(
+        Reason.OFFBOARD_LOST,
+        "COM_OBL_RC_ACT",
+        {3: _A.RETURN, 4: _A.LAND, 5: _A.HOLD, 6: _A.TERMINATE, 7: _A.DISARM},
+    ),
+    *_rows(Reason.MANUAL_LOST, "NAV_RCL_ACT", _LINK),
+    *_rows(Reason.GCS_LOST, "NAV_DLL_ACT", {0: _A.NONE, **_LINK}),
+    *_rows(
+        Reason.GEOFENCE,
+        "GF_ACTION",
+        {0: _A.NONE, 1: _A.WARN, 2: _A.HOLD, 3: _A.RETURN, 4: _A.TERMINATE, 5: _A.LAND},
+    ),
+    *_rows(Reason.BATTERY_CRITICAL, "COM_LOW_BAT_ACT", {0: _A.WARN, 2: _A.LAND, 3: _A.RETURN}),
+    *_rows(Reason.BATTERY_EMERGENCY, "COM_LOW_BAT_ACT", {0: _A.WARN, 2: _A.LAND, 3: _A.LAND}),
+)
+#: The parameters that choose, in the order in which `decide` takes their values.
+POLICY = tuple(dict.fromkeys(row.parameter for row in FAILSAFES))
+_ACTIONS = {(row.reason, row.value): row for row in FAILSAFES}
+_PARAMETER = {row.reason: POLICY.index(row.parameter) for row in FAILSAFES}
+_LADDER = (
+    (_A.HOLD, Mode.LOITER),
+    (_A.RETURN, Mode.RTL),
+    (_A.LAND, Mode.LAND),
+    (_A.DESCEND, Mode.DESCEND),
+)
 
 
 class Decision(NamedTuple):
@@ -62,51 +94,38 @@ class Decision(NamedTuple):
     disarm: bool = False
 
 
-_LINK_LOSS = {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
-_OFFBOARD_FALLBACK = {0: Mode.POSCTL, 1: Mode.ALTCTL, 2: Mode.STABILIZED}
-_OFFBOARD_LOSS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM}
-_ACTION_MODE = {
-    Action.HOLD: Mode.LOITER,
-    Action.RETURN: Mode.RTL,
-    Action.LAND: Mode.LAND,
-    Action.TERMINATE: Mode.TERMINATE,
-}
-_STICK_MODES = frozenset({Mode.MANUAL, Mode.STABILIZED, Mode.ALTCTL, Mode.POSCTL, Mode.ACRO})
+@lru_cache(maxsize=4096)
+def decide(mode: Mode, present: int, causes: frozenset[Reason], policy: tuple[int, ...]) -> Decision:
+    """The mode to fly while armed. `causes` are the reasons that hold now; loss of OFFBOARD and of sticks is found here."""
+    found: list[tuple[Action, Reason]] = []
+    if mode is Mode.OFFBOARD and not present & Need.OFFBOARD_SIGNAL:
+        row = _row_for(Reason.OFFBOARD_LOST, policy)
+        if row.fallback is not None and runnable(row.fallback, present):
+            return Decision(row.fallback, Reason.OFFBOARD_LOST)
+        action = row.action if row.fallback is None else _row_for(Reason.MANUAL_LOST, policy).action
+        found.append((action, Reason.OFFBOARD_LOST))
+    elif mode in STICK_MODES and not present & Need.MANUAL_CONTROL:
+        found.append((_row_for(Reason.MANUAL_LOST, policy).action, Reason.MANUAL_LOST))
+    elif not runnable(mode, present):
+        found.append((Action.HOLD, Reason.MODE_UNAVAILABLE))
+    found += [(_row_for(reason, policy).action, reason) for reason in causes]
+    action, reason = max(found, key=lambda cause: (cause[0], cause[1].value), default=(Action.NONE, None))
+    return Decision(mode) if reason is None or action <= Action.WARN else _carry_out(action, reason, mode, present)
 
 
-def decide(conditions: Conditions, policy: Policy) -> Decision:
-    """The mode to fly while armed."""
-    mode = conditions.mode
-    causes: list[tuple[Action, Reason]] = []
-    if mode is Mode.OFFBOARD and Need.OFFBOARD_SIGNAL not in conditions.present:
-        fallback = _OFFBOARD_FALLBACK.get(policy.offboard_loss)
-        if fallback is not None and runnable(fallback, conditions.present):
-            return Decision(fallback, Reason.OFFBOARD_LOST)
-        action = _OFFBOARD_LOSS.get(policy.offboard_loss) or _LINK_LOSS.get(policy.manual_loss, Action.RETURN)
-        causes.append((action, Reason.OFFBOARD_LOST))
-    if mode in _STICK_MODES and Need.MANUAL_CONTROL not in conditions.present:
-        causes.append((_LINK_LOSS.get(policy.manual_loss, Action.RETURN), Reason.MANUAL_LOST))
-    if conditions.gcs_lost and policy.gcs_loss in _LINK_LOSS:
-        causes.append((_LINK_LOSS[policy.gcs_loss], Reason.GCS_LOST))
-    if conditions.battery_emergency and policy.low_battery in (2, 3):
-        causes.append((Action.LAND, Reason.BATTERY_EMERGENCY))
-    elif conditions.battery_critical and policy.low_battery in (2, 3):
-        causes.append((Action.LAND if policy.low_battery == 2 else Action.RETURN, Reason.BATTERY_CRITICAL))
-    causes = [cause for cause in causes if cause[1] not in conditions.overridden]
-    if not causes:
-        return Decision(mode)
-    action, reason = max(causes, key=lambda cause: cause[0])
-    return _carry_out(action, reason, conditions)
+def _row_for(reason: Reason, policy: tuple[int, ...]) -> FailsafeRow:
+    value = policy[_PARAMETER[reason]]
+    return _ACTIONS.get((reason, value), FailsafeRow(reason, POLICY[_PARAMETER[reason]], value, Action.RETURN))
 
 
-def _carry_out(action: Action, reason: Reason, conditions: Conditions) -> Decision:
+def _carry_out(action: Action, reason: Reason, mode: Mode, present: int) -> Decision:
     if action is Action.DISARM:
-        return Decision(conditions.mode, reason, disarm=True)
-    if action is Action.RETURN and conditions.mode is Mode.LAND:
-        return Decision(Mode.LAND)
-    if action is Action.HOLD and conditions.mode in (Mode.RTL, Mode.LAND):
-        return Decision(conditions.mode)
-    for candidate in (Action.HOLD, Action.RETURN, Action.LAND):
-        if candidate >= action and runnable(_ACTION_MODE[candidate], conditions.present):
-            return Decision(_ACTION_MODE[candidate], reason)
+        return Decision(mode, reason, disarm=True)
+    if action is Action.TERMINATE:
+        return Decision(Mode.TERMINATE, reason)
+    if runnable(mode, present) and MODE_TABLE[mode].severity >= action:
+        return Decision(mode)
+    for rung, candidate in _LADDER:
+        if rung >= action and runnable(candidate, present):
+            return Decision(candidate, reason)
     return Decision(Mode.TERMINATE, reason)

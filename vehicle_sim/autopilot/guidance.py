@@ -98,6 +98,10 @@ class HoldTask:
         self._yaw_rad = yaw_rad if isfinite(yaw_rad) else yaw_of(estimate.q_wb_wxyz)
         self.cruise_mps = parameters["MPC_XY_CRUISE"]
 
+    def start_at(self, position_ned_m: Vector) -> None:
+        """Glide from there, at rest."""
+        self._glide = Glide(position_ned_m, (0.0, 0.0, 0.0), self._parameters)
+
     def setpoint(self, estimate: Estimate, dt_s: float) -> TrajectorySetpoint:  # noqa: ARG002
         """Glide to the target."""
         p = self._parameters
@@ -159,27 +163,57 @@ class LandTask:
 
 
 class ReturnTask:
-    """Climb to RTL_RETURN_ALT above home, go home, land there."""
+    """Climb to RTL_RETURN_ALT above home, go home, sink to RTL_DESCEND_ALT, wait RTL_LAND_DELAY there (-1: stay), land."""
 
     def __init__(self, estimate: Estimate, parameters: ParameterStore, home_ned_m: Vector) -> None:
         self.finished = False
         self.landing = False
         self._parameters = parameters
         self._home = home_ned_m
-        self._return_d_m = min(estimate.position_ned_m[2], home_ned_m[2] - parameters["RTL_RETURN_ALT"])
+        x, y, z = estimate.position_ned_m
+        near = hypot(x - home_ned_m[0], y - home_ned_m[1]) < parameters["RTL_MIN_DIST"]
+        height = parameters["RTL_RETURN_ALT"]
+        height = min(height, parameters["RTL_DESCEND_ALT"]) if near else height
+        self._return_d_m = min(z, home_ned_m[2] - height)
+        self._descend_d_m = max(self._return_d_m, home_ned_m[2] - parameters["RTL_DESCEND_ALT"])
+        self._wait_s = parameters["RTL_LAND_DELAY"]
         self._task: Task = HoldTask(estimate, parameters, (nan, nan, self._return_d_m), nan)
         self._stage = "climb"
 
     def setpoint(self, estimate: Estimate, dt_s: float) -> TrajectorySetpoint:
         """Pass from stage to stage as each place is reached."""
         x, y, z = estimate.position_ned_m
+        n, e, _ = self._home
         if self._stage == "climb" and z < self._return_d_m + 0.5:
-            self._stage = "return"
-            self._task = HoldTask(estimate, self._parameters, (self._home[0], self._home[1], self._return_d_m), nan)
-        elif self._stage == "return" and hypot(x - self._home[0], y - self._home[1]) < 0.3:
-            self._stage, self.landing = "land", True
-            self._task = LandTask(estimate, self._parameters, self._home[2], (self._home[0], self._home[1]))
+            self._go("return", HoldTask(estimate, self._parameters, (n, e, self._return_d_m), nan))
+        elif self._stage == "return" and hypot(x - n, y - e) < 0.3:
+            self._go("descend", HoldTask(estimate, self._parameters, (n, e, self._descend_d_m), nan))
+        elif self._stage == "descend" and z > self._descend_d_m - 0.5 and self._waited(dt_s):
+            self.landing = True
+            self._go("land", LandTask(estimate, self._parameters, self._home[2], (n, e)))
         return self._task.setpoint(estimate, dt_s)
+
+    def _go(self, stage: str, task: Task) -> None:
+        self._stage, self._task = stage, task
+
+    def _waited(self, dt_s: float) -> bool:
+        if self._parameters["RTL_LAND_DELAY"] < 0.0:
+            return False
+        self._wait_s -= dt_s
+        return self._wait_s <= 0.0
+
+
+class DescendTask:
+    """Without a position: level, sinking at MPC_LAND_SPEED."""
+
+    def __init__(self, estimate: Estimate, parameters: ParameterStore) -> None:
+        self.finished = False
+        self._sink_mps = parameters["MPC_LAND_SPEED"]
+        self._yaw_rad = yaw_of(estimate.q_wb_wxyz)
+
+    def setpoint(self, estimate: Estimate, dt_s: float) -> TrajectorySetpoint:  # noqa: ARG002
+        """No horizontal velocity is asked for, since none is known."""
+        return TrajectorySetpoint(NO_VECTOR, (nan, nan, self._sink_mps), (0.0, 0.0, nan), self._yaw_rad)
 
 
 class StickTask:

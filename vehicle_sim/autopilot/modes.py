@@ -4,7 +4,7 @@ custom_mode = main << 16 | sub << 24. A mode is a row of `MODE_TABLE`; adding on
 """
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntFlag, auto
 
 
 class Mode(Enum):
@@ -19,6 +19,7 @@ class Mode(Enum):
     MISSION = (4, 4)
     RTL = (4, 5)
     LAND = (4, 6)
+    DESCEND = (4, 6, "descend")
     ACRO = (5, 0)
     OFFBOARD = (6, 0)
     STABILIZED = (7, 0)
@@ -27,8 +28,8 @@ class Mode(Enum):
     @property
     def custom_mode(self) -> int:
         """The HEARTBEAT field."""
-        main, sub = self.value
-        return int(main << 16 | sub << 24)
+        main, sub = self.value[:2]
+        return int(main) << 16 | int(sub) << 24
 
     @classmethod
     def from_numbers(cls, main: int, sub: int) -> "Mode | None":
@@ -43,48 +44,57 @@ class Mode(Enum):
         return _BY_NUMBERS.get((main, 0))
 
 
-_BY_NUMBERS: dict[tuple[int, int], Mode] = {mode.value: mode for mode in Mode}
+_BY_NUMBERS: dict[tuple[int, ...], Mode] = {mode.value: mode for mode in Mode if len(mode.value) == 2}
 
 
-class Need(Enum):
-    """A condition without which a mode cannot be flown."""
+class Need(IntFlag):
+    """Conditions without which a mode cannot be flown."""
 
-    LOCAL_POSITION = "local position"
-    MANUAL_CONTROL = "manual control"
-    OFFBOARD_SIGNAL = "offboard signal"
-    MISSION = "mission"
+    LOCAL_POSITION = auto()
+    MANUAL_CONTROL = auto()
+    OFFBOARD_SIGNAL = auto()
+    MISSION = auto()
+    OFFBOARD_POSITION = auto()  # the newest offboard set-point can be flown with what is known of the position
 
 
 @dataclass(frozen=True)
 class ModeRow:
-    """`base_mode` bits of HEARTBEAT without the armed bit; whether arming is allowed in this mode."""
+    """`base_mode` bits of HEARTBEAT without the armed bit; whether arming is allowed in this mode.
+
+    `severity`: a failsafe action up to this one (numbers of `failsafe.Action`) leaves the mode alone.
+    """
 
     label: str
     base_mode: int
-    needs: frozenset[Need]
+    needs: Need
     can_arm: bool = True
+    severity: int = 0
 
 
 CUSTOM, GUIDED, STABILIZE, MANUAL_INPUT, AUTO, ARMED = 1, 8, 16, 64, 4, 128
 _AUTO_BITS = CUSTOM | AUTO | GUIDED | STABILIZE
-_POSITION = frozenset({Need.LOCAL_POSITION})
-_STICKS = frozenset({Need.MANUAL_CONTROL})
+_NOTHING = Need(0)
+_POSITION = Need.LOCAL_POSITION
+_STICKS = Need.MANUAL_CONTROL
 
 MODE_TABLE: dict[Mode, ModeRow] = {
     Mode.MANUAL: ModeRow("Manual", CUSTOM | MANUAL_INPUT | STABILIZE, _STICKS),
-    Mode.ALTCTL: ModeRow("Altitude", CUSTOM | MANUAL_INPUT | STABILIZE, _STICKS | _POSITION),
+    Mode.ALTCTL: ModeRow("Altitude", CUSTOM | MANUAL_INPUT | STABILIZE, _STICKS),
     Mode.POSCTL: ModeRow("Position", CUSTOM | MANUAL_INPUT | STABILIZE, _STICKS | _POSITION),
     Mode.READY: ModeRow("Ready", _AUTO_BITS, _POSITION, can_arm=False),
     Mode.TAKEOFF: ModeRow("Takeoff", _AUTO_BITS, _POSITION),
-    Mode.LOITER: ModeRow("Hold", _AUTO_BITS, _POSITION),
-    Mode.MISSION: ModeRow("Mission", _AUTO_BITS, _POSITION | {Need.MISSION}),
-    Mode.RTL: ModeRow("Return", _AUTO_BITS, _POSITION, can_arm=False),
-    Mode.LAND: ModeRow("Land", _AUTO_BITS, _POSITION, can_arm=False),
+    Mode.LOITER: ModeRow("Hold", _AUTO_BITS, _POSITION, severity=2),
+    Mode.MISSION: ModeRow("Mission", _AUTO_BITS, _POSITION | Need.MISSION),
+    Mode.RTL: ModeRow("Return", _AUTO_BITS, _POSITION, can_arm=False, severity=3),
+    Mode.LAND: ModeRow("Land", _AUTO_BITS, _POSITION, can_arm=False, severity=4),
+    Mode.DESCEND: ModeRow("Descend", _AUTO_BITS, _NOTHING, can_arm=False, severity=5),
     Mode.ACRO: ModeRow("Acro", CUSTOM | MANUAL_INPUT, _STICKS),
-    Mode.OFFBOARD: ModeRow("Offboard", CUSTOM | STABILIZE, frozenset({Need.OFFBOARD_SIGNAL}) | _POSITION),
+    Mode.OFFBOARD: ModeRow("Offboard", CUSTOM | STABILIZE, Need.OFFBOARD_SIGNAL | Need.OFFBOARD_POSITION),
     Mode.STABILIZED: ModeRow("Stabilized", CUSTOM | MANUAL_INPUT | STABILIZE, _STICKS),
-    Mode.TERMINATE: ModeRow("Termination", CUSTOM, frozenset(), can_arm=False),
+    Mode.TERMINATE: ModeRow("Termination", CUSTOM, _NOTHING, can_arm=False, severity=7),
 }
+_NEEDS = {mode: int(row.needs) for mode, row in MODE_TABLE.items()}
+STICK_MODES = frozenset({Mode.MANUAL, Mode.STABILIZED, Mode.ALTCTL, Mode.POSCTL, Mode.ACRO})
 
 
 def base_mode(mode: Mode, armed: bool, offboard_signal: bool) -> int:
@@ -94,6 +104,7 @@ def base_mode(mode: Mode, armed: bool, offboard_signal: bool) -> int:
     return MODE_TABLE[mode].base_mode | (ARMED if armed else 0)
 
 
-def runnable(mode: Mode, present: frozenset[Need]) -> bool:
-    """True when every need of the mode is present."""
-    return MODE_TABLE[mode].needs <= present
+def runnable(mode: Mode, present: int) -> bool:
+    """True when every need of the mode is present (bits of `Need`)."""
+    needs = _NEEDS[mode]
+    return needs & present == needs

@@ -6,14 +6,13 @@
 NED, SI. State: the integral. Vertical thrust has priority; anti-windup as in PX4.
 """
 
-from dataclasses import dataclass
-from math import hypot, isfinite, radians, tan
+from math import hypot, isfinite, radians, sqrt, tan
 from typing import NamedTuple
 
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.autopilot.setpoints import TrajectorySetpoint
+from vehicle_sim.compiled import inlined
 from vehicle_sim.rotation import Vector
-from vehicle_sim.sensors import Estimate
 
 _GRAVITY = 9.80665
 
@@ -27,15 +26,23 @@ class VelocityLimits(NamedTuple):
 
 
 class PositionOutput(NamedTuple):
-    """Normalised thrust vector (NED), and the setpoints it came from."""
+    """Normalised thrust vector (NED), the setpoints it came from, and the integral of the velocity error."""
 
     thrust_ned: Vector
     velocity_sp_mps: Vector
     acceleration_sp_mps2: Vector
+    integral_mps2: Vector
 
 
-@dataclass(frozen=True)
-class PositionGains:
+class Motion(NamedTuple):
+    """What the controller looks at: estimated position, velocity and the velocity's derivative, NED."""
+
+    position_m: Vector
+    velocity_mps: Vector
+    acceleration_mps2: Vector
+
+
+class PositionGains(NamedTuple):
     """Gains and limits read from the parameters."""
 
     xy_p: float
@@ -72,82 +79,88 @@ class PositionGains:
         )
 
 
-class PositionController:
-    """The cascade; call `update` at a fixed period."""
-
-    def __init__(self, gains: PositionGains) -> None:
-        self.gains = gains
-        self._integral = [0.0, 0.0, 0.0]
-
-    def reset(self) -> None:
-        """Forget the integral."""
-        self._integral = [0.0, 0.0, 0.0]
-
-    def update(
-        self,
-        setpoint: TrajectorySetpoint,
-        estimate: Estimate,
-        acceleration_ned_mps2: Vector,
-        limits: VelocityLimits,
-        dt_s: float,
-    ) -> PositionOutput:
-        """One period. `acceleration_ned_mps2` is the estimated derivative of the velocity."""
-        g = self.gains
-        velocity_sp = self._velocity_setpoint(setpoint, estimate.position_ned_m, limits)
-        a_ff = setpoint.acceleration_ned_mps2
-        velocity = estimate.velocity_ned_mps
-        kp = (g.xy_vel_p, g.xy_vel_p, g.z_vel_p)
-        kd = (g.xy_vel_d, g.xy_vel_d, g.z_vel_d)
-        error = [0.0, 0.0, 0.0]
-        acceleration = [0.0, 0.0, 0.0]
-        for i in range(3):
-            feed = a_ff[i] if a_ff[i] == a_ff[i] else 0.0
-            if velocity_sp[i] == velocity_sp[i]:
-                error[i] = velocity_sp[i] - velocity[i]
-                feed += kp[i] * error[i] + self._integral[i] - kd[i] * acceleration_ned_mps2[i]
-            acceleration[i] = feed
-        thrust = self._thrust(acceleration)
-        self._integrate(error, acceleration, thrust, dt_s)
-        return PositionOutput(thrust, velocity_sp, (acceleration[0], acceleration[1], acceleration[2]))
-
-    def _velocity_setpoint(self, setpoint: TrajectorySetpoint, position: Vector, limits: VelocityLimits) -> Vector:
-        """v_ff + P (p_sp - p), limited so that the part that corrects position has priority. NaN where nothing is asked."""
-        g = self.gains
-        p_sp, v_ff = setpoint.position_ned_m, setpoint.velocity_ned_mps
-        px, py, pz = g.xy_p * (p_sp[0] - position[0]), g.xy_p * (p_sp[1] - position[1]), g.z_p * (p_sp[2] - position[2])
-        vx, vy = _limit_with_priority((px, py), (v_ff[0], v_ff[1]), limits.horizontal_mps)
-        vz = _sum_given(pz, v_ff[2])
-        if vz == vz:
-            vz = max(-limits.up_mps, min(limits.down_mps, vz))
-        return (vx, vy, vz)
-
-    def _thrust(self, acceleration: list[float]) -> Vector:
-        g = self.gains
-        scale = g.hover / _GRAVITY
-        up = max(g.thrust_min, min(g.thrust_max, (_GRAVITY - acceleration[2]) * scale))
-        if hypot(acceleration[0], acceleration[1]) * scale > g.thrust_xy_margin:
-            up = min(up, (g.thrust_max**2 - g.thrust_xy_margin**2) ** 0.5)
-        room = min((g.thrust_max**2 - up * up) ** 0.5, g.tilt_tangent * up)
-        x, y = acceleration[0] * scale, acceleration[1] * scale
-        size = hypot(x, y)
-        if size > room:
-            x, y = x * room / size, y * room / size
-        return (x, y, -up)
-
-    def _integrate(self, error: list[float], wanted: list[float], thrust: Vector, dt_s: float) -> None:
-        """Integral of the velocity error, with the horizontal error lowered by what saturation took (PX4's tracking scheme)."""
-        g = self.gains
-        scale = g.hover / _GRAVITY
-        back = 2.0 / g.xy_vel_p
-        for i in (0, 1):
-            self._integral[i] += g.xy_vel_i * (error[i] - back * (wanted[i] - thrust[i] / scale)) * dt_s
-        low = -thrust[2] <= g.thrust_min and error[2] > 0.0
-        high = -thrust[2] >= g.thrust_max and error[2] < 0.0
-        if not (low or high):
-            self._integral[2] += g.z_vel_i * error[2] * dt_s
-        self._integral[2] = max(-_GRAVITY, min(_GRAVITY, self._integral[2]))
+@inlined
+def control_position(
+    setpoint: TrajectorySetpoint,
+    motion: Motion,
+    integral: Vector,
+    limits: VelocityLimits,
+    gains: PositionGains,
+    dt_s: float,
+) -> PositionOutput:
+    """One period of the cascade; a fixed period is taken for granted."""
+    g = gains
+    velocity_sp = _velocity_setpoint(setpoint, motion.position_m, limits, gains)
+    ff, v, a = setpoint.acceleration_ned_mps2, motion.velocity_mps, motion.acceleration_mps2
+    ex, ey, ez = _error(velocity_sp[0], v[0]), _error(velocity_sp[1], v[1]), _error(velocity_sp[2], v[2])
+    wanted = (
+        _acceleration(ff[0], velocity_sp[0], g.xy_vel_p * ex + integral[0] - g.xy_vel_d * a[0]),
+        _acceleration(ff[1], velocity_sp[1], g.xy_vel_p * ey + integral[1] - g.xy_vel_d * a[1]),
+        _acceleration(ff[2], velocity_sp[2], g.z_vel_p * ez + integral[2] - g.z_vel_d * a[2]),
+    )
+    thrust = _thrust(wanted, gains)
+    grown = _integrate(integral, (ex, ey, ez), wanted, thrust, gains, dt_s)
+    return PositionOutput(thrust, velocity_sp, wanted, grown)
 
 
+@inlined
+def _error(asked: float, is_now: float) -> float:
+    return asked - is_now if asked == asked else 0.0
+
+
+@inlined
+def _acceleration(feed_forward: float, velocity_sp: float, feedback: float) -> float:
+    """Feed-forward where given, feedback where a velocity is asked for."""
+    feed = feed_forward if feed_forward == feed_forward else 0.0
+    return feed + feedback if velocity_sp == velocity_sp else feed
+
+
+@inlined
+def _velocity_setpoint(
+    setpoint: TrajectorySetpoint, position: Vector, limits: VelocityLimits, g: PositionGains
+) -> Vector:
+    """v_ff + P (p_sp - p), limited so that the part that corrects position has priority. NaN where nothing is asked."""
+    p_sp, v_ff = setpoint.position_ned_m, setpoint.velocity_ned_mps
+    px, py, pz = g.xy_p * (p_sp[0] - position[0]), g.xy_p * (p_sp[1] - position[1]), g.z_p * (p_sp[2] - position[2])
+    vx, vy = _limit_with_priority((px, py), (v_ff[0], v_ff[1]), limits.horizontal_mps)
+    vz = _sum_given(pz, v_ff[2])
+    if vz == vz:
+        vz = max(-limits.up_mps, min(limits.down_mps, vz))
+    return (vx, vy, vz)
+
+
+@inlined
+def _thrust(acceleration: Vector, g: PositionGains) -> Vector:
+    scale = g.hover / _GRAVITY
+    up = max(g.thrust_min, min(g.thrust_max, (_GRAVITY - acceleration[2]) * scale))
+    if hypot(acceleration[0], acceleration[1]) * scale > g.thrust_xy_margin:
+        up = min(up, sqrt(g.thrust_max * g.thrust_max - g.thrust_xy_margin * g.thrust_xy_margin))
+    room = min(sqrt(g.thrust_max * g.thrust_max - up * up), g.tilt_tangent * up)
+    x, y = acceleration[0] * scale, acceleration[1] * scale
+    size = hypot(x, y)
+    if size > room:
+        x, y = x * room / size, y * room / size
+    return (x, y, -up)
+
+
+@inlined
+def _integrate(
+    integral: Vector, error: Vector, wanted: Vector, thrust: Vector, g: PositionGains, dt_s: float
+) -> Vector:
+    """Integral of the velocity error, with the horizontal error lowered by what saturation took (PX4's tracking scheme)."""
+    scale = g.hover / _GRAVITY
+    back = 2.0 / g.xy_vel_p
+    ix = integral[0] + g.xy_vel_i * (error[0] - back * (wanted[0] - thrust[0] / scale)) * dt_s
+    iy = integral[1] + g.xy_vel_i * (error[1] - back * (wanted[1] - thrust[1] / scale)) * dt_s
+    iz = integral[2]
+    low = -thrust[2] <= g.thrust_min and error[2] > 0.0
+    high = -thrust[2] >= g.thrust_max and error[2] < 0.0
+    if not (low or high):
+        iz += g.z_vel_i * error[2] * dt_s
+    return (ix, iy, max(-_GRAVITY, min(_GRAVITY, iz)))
+
+
+@inlined
 def _sum_given(a: float, b: float) -> float:
     """a + b where NaN counts as absent; NaN when both are."""
     if a != a:
@@ -155,6 +168,7 @@ def _sum_given(a: float, b: float) -> float:
     return a if b != b else a + b
 
 
+@inlined
 def _limit_with_priority(first: tuple[float, float], second: tuple[float, float], limit: float) -> tuple[float, float]:
     """first + s second with the largest s in 0..1 that keeps the length within the limit; NaN counts as absent."""
     if not (isfinite(first[0]) and isfinite(first[1])):
@@ -171,5 +185,5 @@ def _limit_with_priority(first: tuple[float, float], second: tuple[float, float]
     if size >= limit:
         return (ax * limit / size, ay * limit / size)
     b2, ab = bx * bx + by * by, ax * bx + ay * by
-    share = (-ab + (ab * ab + b2 * (limit * limit - size * size)) ** 0.5) / b2
+    share = (-ab + sqrt(ab * ab + b2 * (limit * limit - size * size))) / b2
     return (ax + share * bx, ay + share * by)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import cos, inf, isfinite, nan, sin
 from typing import NamedTuple
 
-from vehicle_sim.rotation import Quaternion, Vector, rotate, yaw_of
+from vehicle_sim.rotation import Quaternion, Vector, normalize, rotate, yaw_of
 
 FRAME_LOCAL_NED = 1
 FRAME_BODY_NED = 8
@@ -15,7 +15,10 @@ MASK_FORCE = 1 << 9
 MASK_YAW = 1 << 10
 MASK_YAW_RATE = 1 << 11
 NO_VECTOR: Vector = (nan, nan, nan)
+MASK_THROTTLE = 1 << 6
+MASK_ATTITUDE = 1 << 7
 _SANE = 1e7
+_FASTEST_RADPS = 100.0
 
 
 class TrajectorySetpoint(NamedTuple):
@@ -44,6 +47,14 @@ class SetpointMessage:
     def ignores_all_axes(self) -> bool:
         """Every position, velocity and acceleration axis has its ignore bit."""
         return self.type_mask & 0x1FF == 0x1FF
+
+
+class AttitudeSetpoint(NamedTuple):
+    """Attitude, or body rates where it is None; thrust 0..1 of full; yaw rate on top of an attitude."""
+
+    q_sp_wxyz: Quaternion | None
+    rates_radps: Vector
+    thrust: float
 
 
 class Refusal(NamedTuple):
@@ -77,6 +88,21 @@ def interpret_setpoint(message: SetpointMessage, q_wb_wxyz: Quaternion) -> Traje
     )
 
 
+def interpret_attitude(
+    type_mask: int, q_wxyz: Quaternion, rates_radps: Vector, thrust: float
+) -> AttitudeSetpoint | None:
+    """SET_ATTITUDE_TARGET: an attitude unless it is ignored, else body rates if none of them is; None when nothing is left."""
+    clean = [r if isfinite(r) and abs(r) < _FASTEST_RADPS else 0.0 for r in rates_radps]
+    push = max(0.0, min(1.0, thrust)) if isfinite(thrust) and not type_mask & MASK_THROTTLE else 0.0
+    norm = sum(value * value for value in q_wxyz)
+    if not type_mask & MASK_ATTITUDE and isfinite(norm) and 0.25 < norm < 4.0:
+        yaw_rate = 0.0 if type_mask & 4 else clean[2]
+        return AttitudeSetpoint(normalize(q_wxyz), (0.0, 0.0, yaw_rate), push)
+    if type_mask & MASK_ATTITUDE and not type_mask & 0b111:
+        return AttitudeSetpoint(None, (clean[0], clean[1], clean[2]), push)
+    return None
+
+
 def is_flyable(setpoint: TrajectorySetpoint) -> bool:
     """PX4's check in the position controller: each axis has something, x and y in the same kind."""
     p, v, a = setpoint.position_ned_m, setpoint.velocity_ned_mps, setpoint.acceleration_ned_mps2
@@ -84,6 +110,12 @@ def is_flyable(setpoint: TrajectorySetpoint) -> bool:
         if isfinite(triple[0]) != isfinite(triple[1]):
             return False
     return all(isfinite(p[i]) or isfinite(v[i]) or isfinite(a[i]) for i in range(3))
+
+
+def needs_position(setpoint: TrajectorySetpoint) -> bool:
+    """Row 5: positions and velocities cannot be flown without an estimate of them, accelerations can."""
+    given = (*setpoint.position_ned_m, *setpoint.velocity_ned_mps)
+    return any(value == value for value in given)
 
 
 def wants_to_climb(setpoint: TrajectorySetpoint, d_m: float) -> bool:

@@ -9,7 +9,7 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class ControlTelemetry(_message.Message):
-    __slots__ = ("timestamp", "phase", "reference_x_m", "reference_y_m", "reference_z_m", "estimate_r_x_m", "estimate_r_y_m", "estimate_r_z_m", "estimate_v_x_mps", "estimate_v_y_mps", "estimate_v_z_mps", "model_a_x_mps2", "model_a_y_mps2", "model_a_z_mps2", "model_j_x_mps3", "model_j_y_mps3", "model_j_z_mps3", "setpoint_r_x_m", "setpoint_r_y_m", "setpoint_r_z_m", "setpoint_v_x_mps", "setpoint_v_y_mps", "setpoint_v_z_mps", "setpoint_a_x_mps2", "setpoint_a_y_mps2", "setpoint_a_z_mps2", "snap_x_mps4", "snap_y_mps4", "snap_z_mps4", "slack_m", "solver_status", "solver_iterations", "region", "clearance_m")
+    __slots__ = ("timestamp", "phase", "reference_x_m", "reference_y_m", "reference_z_m", "estimate_r_x_m", "estimate_r_y_m", "estimate_r_z_m", "estimate_v_x_mps", "estimate_v_y_mps", "estimate_v_z_mps", "model_a_x_mps2", "model_a_y_mps2", "model_a_z_mps2", "model_j_x_mps3", "model_j_y_mps3", "model_j_z_mps3", "setpoint_r_x_m", "setpoint_r_y_m", "setpoint_r_z_m", "setpoint_v_x_mps", "setpoint_v_y_mps", "setpoint_v_z_mps", "setpoint_a_x_mps2", "setpoint_a_y_mps2", "setpoint_a_z_mps2", "snap_x_mps4", "snap_y_mps4", "snap_z_mps4", "slack_m", "solver_status", "solver_iterations", "region", "clearance_m", "rung", "offset_x_m", "offset_y_m", "offset_z_m", "delay_s", "reference_rate", "fault")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     PHASE_FIELD_NUMBER: _ClassVar[int]
     REFERENCE_X_M_FIELD_NUMBER: _ClassVar[int]
@@ -44,6 +44,13 @@ class ControlTelemetry(_message.Message):
     SOLVER_ITERATIONS_FIELD_NUMBER: _ClassVar[int]
     REGION_FIELD_NUMBER: _ClassVar[int]
     CLEARANCE_M_FIELD_NUMBER: _ClassVar[int]
+    RUNG_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_X_M_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_Y_M_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_Z_M_FIELD_NUMBER: _ClassVar[int]
+    DELAY_S_FIELD_NUMBER: _ClassVar[int]
+    REFERENCE_RATE_FIELD_NUMBER: _ClassVar[int]
+    FAULT_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     phase: str
     reference_x_m: float
@@ -78,7 +85,14 @@ class ControlTelemetry(_message.Message):
     solver_iterations: int
     region: int
     clearance_m: float
-    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., phase: _Optional[str] = ..., reference_x_m: _Optional[float] = ..., reference_y_m: _Optional[float] = ..., reference_z_m: _Optional[float] = ..., estimate_r_x_m: _Optional[float] = ..., estimate_r_y_m: _Optional[float] = ..., estimate_r_z_m: _Optional[float] = ..., estimate_v_x_mps: _Optional[float] = ..., estimate_v_y_mps: _Optional[float] = ..., estimate_v_z_mps: _Optional[float] = ..., model_a_x_mps2: _Optional[float] = ..., model_a_y_mps2: _Optional[float] = ..., model_a_z_mps2: _Optional[float] = ..., model_j_x_mps3: _Optional[float] = ..., model_j_y_mps3: _Optional[float] = ..., model_j_z_mps3: _Optional[float] = ..., setpoint_r_x_m: _Optional[float] = ..., setpoint_r_y_m: _Optional[float] = ..., setpoint_r_z_m: _Optional[float] = ..., setpoint_v_x_mps: _Optional[float] = ..., setpoint_v_y_mps: _Optional[float] = ..., setpoint_v_z_mps: _Optional[float] = ..., setpoint_a_x_mps2: _Optional[float] = ..., setpoint_a_y_mps2: _Optional[float] = ..., setpoint_a_z_mps2: _Optional[float] = ..., snap_x_mps4: _Optional[float] = ..., snap_y_mps4: _Optional[float] = ..., snap_z_mps4: _Optional[float] = ..., slack_m: _Optional[float] = ..., solver_status: _Optional[int] = ..., solver_iterations: _Optional[int] = ..., region: _Optional[int] = ..., clearance_m: _Optional[float] = ...) -> None: ...
+    rung: int
+    offset_x_m: float
+    offset_y_m: float
+    offset_z_m: float
+    delay_s: float
+    reference_rate: float
+    fault: str
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., phase: _Optional[str] = ..., reference_x_m: _Optional[float] = ..., reference_y_m: _Optional[float] = ..., reference_z_m: _Optional[float] = ..., estimate_r_x_m: _Optional[float] = ..., estimate_r_y_m: _Optional[float] = ..., estimate_r_z_m: _Optional[float] = ..., estimate_v_x_mps: _Optional[float] = ..., estimate_v_y_mps: _Optional[float] = ..., estimate_v_z_mps: _Optional[float] = ..., model_a_x_mps2: _Optional[float] = ..., model_a_y_mps2: _Optional[float] = ..., model_a_z_mps2: _Optional[float] = ..., model_j_x_mps3: _Optional[float] = ..., model_j_y_mps3: _Optional[float] = ..., model_j_z_mps3: _Optional[float] = ..., setpoint_r_x_m: _Optional[float] = ..., setpoint_r_y_m: _Optional[float] = ..., setpoint_r_z_m: _Optional[float] = ..., setpoint_v_x_mps: _Optional[float] = ..., setpoint_v_y_mps: _Optional[float] = ..., setpoint_v_z_mps: _Optional[float] = ..., setpoint_a_x_mps2: _Optional[float] = ..., setpoint_a_y_mps2: _Optional[float] = ..., setpoint_a_z_mps2: _Optional[float] = ..., snap_x_mps4: _Optional[float] = ..., snap_y_mps4: _Optional[float] = ..., snap_z_mps4: _Optional[float] = ..., slack_m: _Optional[float] = ..., solver_status: _Optional[int] = ..., solver_iterations: _Optional[int] = ..., region: _Optional[int] = ..., clearance_m: _Optional[float] = ..., rung: _Optional[int] = ..., offset_x_m: _Optional[float] = ..., offset_y_m: _Optional[float] = ..., offset_z_m: _Optional[float] = ..., delay_s: _Optional[float] = ..., reference_rate: _Optional[float] = ..., fault: _Optional[str] = ...) -> None: ...
 
 class MissionState(_message.Message):
     __slots__ = ("timestamp", "state", "autopilot_mode", "armed", "landed", "reason")

@@ -9,14 +9,16 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.autopilot.commander import FORCE_MAGIC, Result
 from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.results import Result
 from vehicle_sim.geo import Geodetic
+from vehicle_sim.protocol.session import Session
 from vehicle_sim.rotation import Vector
-from vehicle_sim.session import Session
 from vehicle_sim.vehicle import Vehicle
 
 _CUSTOM_MODE_FLAG = 1
+_FORCE_MAGIC = 21196.0
+_FARTHEST_M = 1e6
 
 
 class Command(NamedTuple):
@@ -47,12 +49,11 @@ def _set_mode(v: Vehicle, c: Command) -> Result:
     flags, main, sub = _integer(c.p1), _integer(c.p2), _integer(c.p3) or 0
     if flags is None or main is None or not flags & _CUSTOM_MODE_FLAG:
         return Result.TEMPORARILY_REJECTED
-    mode = Mode.from_numbers(main, sub)
-    return v.autopilot.request_mode(mode) if mode is not None else Result.TEMPORARILY_REJECTED
+    return v.autopilot.request_mode(Mode.from_numbers(main, sub))
 
 
 def _arm_or_disarm(v: Vehicle, _session: Session, c: Command) -> Result:
-    force = c.p2 == FORCE_MAGIC
+    force = c.p2 == _FORCE_MAGIC
     if c.p1 == 1.0:
         return v.autopilot.request_arm()
     if c.p1 == 0.0:
@@ -128,9 +129,30 @@ def _run_prearm_checks(v: Vehicle, _session: Session, _c: Command) -> Result:
 
 
 def _terminate(v: Vehicle, _session: Session, c: Command) -> Result:
-    if c.p1 > 0.5 and v.autopilot.commander.armed:
-        return v.autopilot.request_mode(Mode.TERMINATE)
-    return Result.DENIED
+    return v.autopilot.request_termination() if c.p1 > 0.5 else Result.DENIED
+
+
+def _start_mission(v: Vehicle, _session: Session, c: Command) -> Result:
+    first = _integer(c.p1)
+    if first and not v.autopilot.steering.mission.select(first):
+        return Result.DENIED
+    return v.autopilot.request_mode(Mode.MISSION)
+
+
+def _pause_or_continue(v: Vehicle, _session: Session, c: Command) -> Result:
+    return v.autopilot.request_mode(Mode.LOITER if c.p1 == 0.0 else Mode.MISSION)
+
+
+def _set_mission_current(v: Vehicle, _session: Session, c: Command) -> Result:
+    index = _integer(c.p1)
+    return Result.ACCEPTED if index is not None and v.autopilot.steering.mission.select(index) else Result.DENIED
+
+
+def _inject_failure(v: Vehicle, _session: Session, c: Command) -> Result:
+    if not v.autopilot.parameters.integer("SYS_FAILURE_EN"):
+        return Result.DENIED
+    unit, kind, instance = _integer(c.p1), _integer(c.p2), _integer(c.p3)
+    return Result.ACCEPTED if v.inject_failure(unit, kind, instance or 0) else Result.UNSUPPORTED
 
 
 HANDLERS: dict[int, Handler] = {
@@ -149,13 +171,22 @@ HANDLERS: dict[int, Handler] = {
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,
     mavlink.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
     mavlink.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    mavlink.MAV_CMD_MISSION_START: _start_mission,
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: _pause_or_continue,
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_current,
+    mavlink.MAV_CMD_INJECT_FAILURE: _inject_failure,
 }
 
 
 def target_ned(v: Vehicle, c: Command) -> Vector:
     """Local position of a command's latitude, longitude and altitude; NaN where not given."""
     n, e, d = v.geo.to_ned(Geodetic(_finite(c.latitude_deg), _finite(c.longitude_deg), _finite(c.p7)))
-    return (n, e, d)
+    return (_near(n), _near(e), _near(d))
+
+
+def _near(value_m: float) -> float:
+    """A place that no vehicle of this kind reaches counts as not given."""
+    return value_m if abs(value_m) < _FARTHEST_M else nan
 
 
 def _integer(value: float) -> int | None:

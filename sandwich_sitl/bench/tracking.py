@@ -1,0 +1,158 @@
+"""Whole flights with the full vehicle in lockstep, many seeds under each condition: how well the reference is kept.
+
+Numbers of a flight come from its log: truth against reference while ACTIVE, and the truth's continuous path (samples
+at 100 Hz and the chords' middles) against the corridor. `route` leaves out the climb over the start.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandwich_sitl.config import load_config
+from sandwich_sitl.launcher import run
+from sandwich_sitl.planning.flight_plan import Corridor
+from sandwich_sitl.progress import Progress
+from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.summary import active_spans, tracking_error
+
+Array = NDArray[np.float64]
+
+_PERFECT = {
+    "vehicle.sensors.estimate_position_std_m": 0.0,
+    "vehicle.sensors.estimate_velocity_std_mps": 0.0,
+    "vehicle.sensors.estimate_attitude_std_rad": 0.0,
+}
+_FAST = {"planner.speed_mps": 6.0, "planner.acceleration_mps2": 4.0}
+_GUSTS = {"vehicle.wind.mean_enu_mps": [5.0, 0.0, 0.0], "vehicle.wind.gust_std_mps": [1.5, 1.5, 0.7]}
+
+CONDITIONS: Mapping[str, Mapping[str, Any]] = {
+    "calm, exact estimate": _PERFECT,
+    "6 m/s, exact estimate": {**_PERFECT, **_FAST},
+    "wind 8 m/s, exact estimate": {**_PERFECT, "vehicle.wind.mean_enu_mps": [8.0, 0.0, 0.0]},
+    "default noise": {},
+    "noise, gusts round 5 m/s": _GUSTS,
+    "noise, gusts, 6 m/s": {**_GUSTS, **_FAST},
+}
+PAPER: Mapping[str, Mapping[str, Any]] = {
+    "paper, 0.37 s a node": {"mode": "paper", "mpc.step_s": 0.37, "mpc.bandwidth_radps": 4.0},
+    "paper, 0.2 s a node": {"mode": "paper", "mpc.step_s": 0.2, "mpc.bandwidth_radps": 4.0},
+    "paper, 0.1 s a node": {"mode": "paper", "mpc.step_s": 0.1, "mpc.bandwidth_radps": 4.0},
+    "timed": {},
+}
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One flight: outcome, errors in metres (RMS and worst; RMS and worst of the route), least clearance, share of time
+    outside of the corridor and of the region of that time, ticks off the own plan, largest slack.
+    """
+
+    condition: str
+    seed: int
+    outcome: str
+    rms_m: float
+    worst_m: float
+    route_rms_m: float
+    route_worst_m: float
+    clearance_m: float
+    off_corridor: float
+    off_region: float
+    fallback_ticks: int
+    slack_m: float
+
+
+def fly_all(
+    config_path: Path,
+    conditions: Mapping[str, Mapping[str, Any]],
+    seeds: Sequence[int],
+    overrides: Mapping[str, Any],
+    work: Path,
+    on_flight: Callable[[Flown], None],
+) -> list[Flown]:
+    """Every condition with every seed; logs are overwritten one by one in the directory `work`."""
+    flights = []
+    for condition, changes in conditions.items():
+        for seed in seeds:
+            config = load_config(
+                config_path,
+                {"link.uri": "udpin://127.0.0.1:0", "zenoh.enabled": False, **overrides, **changes, "seed": seed},
+            )
+            with Progress() as progress:
+                result = run(config, config_path, work, progress, False)
+            flights.append(measure(condition, seed, result.summary, RunLog.read(work / "run.mcap")))
+            on_flight(flights[-1])
+    return flights
+
+
+def measure(condition: str, seed: int, summary: Mapping[str, Any], log: RunLog) -> Flown:
+    """The numbers of one flight."""
+    at_s, error = tracking_error(log)
+    height = np.interp(at_s, log.control.t_s, log.control.reference_m[:, 2])
+    route = error[height > log.control.reference_m[:, 2].max() - 0.01]
+    own, union = _outside(log)
+    flight, assurance = summary["flight"], summary["assurance"]
+    return Flown(
+        condition, seed, summary["outcome"], _rms(error), _worst(error), _rms(route), _worst(route),
+        float(flight["min_clearance_m"] if flight["min_clearance_m"] is not None else np.inf),
+        union, own, assurance["shifted"] + assurance["brake"], float(summary["mpc"]["max_slack_m"] or 0.0),
+    )  # fmt: skip
+
+
+def _outside(log: RunLog) -> tuple[float, float]:
+    """Shares of true places outside of the region of their time, and outside of every region."""
+    assert log.plan is not None
+    corridor, truth, control = log.plan.corridor, log.truth, log.control
+    spans = active_spans(log)
+    on = np.zeros(truth.t_s.shape, dtype=np.bool_)
+    for begin, end in spans:
+        on |= (truth.t_s >= begin) & (truth.t_s < end)
+    places, times = truth.r_m[on, :2], truth.t_s[on]
+    middles, between = (places[1:] + places[:-1]) / 2, (times[1:] + times[:-1]) / 2
+    places, times = np.concatenate([places, middles]), np.concatenate([times, between])
+    region = control.region[np.clip(np.searchsorted(control.t_s, times, side="right") - 1, 0, None)]
+    own = excess(corridor, places, region) > 0.0
+    union = own.copy()
+    for m in range(len(corridor.Gamma)):
+        left = np.flatnonzero(union)
+        union[left] = excess(corridor, places[left], np.full(len(left), m)) > 0.0
+    return float(own.mean()), float(union.mean())
+
+
+def excess(corridor: Corridor, xy_m: Array, region: NDArray[np.int64]) -> Array:
+    """How far (n,) places (n, 2) lie outside of regions (n,); negative inside."""
+    values = np.einsum("kfd,kd->kf", corridor.Lambda[region], xy_m) - corridor.Gamma[region]
+    return np.asarray(values.max(axis=1, initial=-np.inf))
+
+
+def table(flights: Sequence[Flown]) -> str:
+    """One line a condition: errors over all its seeds, RMS also as ratio to the first condition."""
+    lines = [
+        f"{'condition':28s} {'landed':>8s} {'RMS m':>7s} {'worst':>7s} {'ratio':>6s} {'route RMS':>9s} {'worst':>7s} "
+        f"{'clearance':>9s} {'off corridor':>12s} {'off region':>10s} {'fallback':>8s} {'slack m':>8s}"
+    ]
+    first: float | None = None
+    for condition in dict.fromkeys(f.condition for f in flights):
+        group = [f for f in flights if f.condition == condition]
+        rms = _rms(np.array([f.rms_m for f in group]))
+        first = rms if first is None else first
+        landed = f"{sum(f.outcome == 'landed' for f in group)}/{len(group)}"
+        lines.append(
+            f"{condition:28s} {landed:>8s} {rms:7.3f} {max(f.worst_m for f in group):7.3f} {rms / first:6.2f} "
+            f"{_rms(np.array([f.route_rms_m for f in group])):9.3f} {max(f.route_worst_m for f in group):7.3f} "
+            f"{min(f.clearance_m for f in group):9.3f} {max(f.off_corridor for f in group):12.2%} "
+            f"{max(f.off_region for f in group):10.2%} {sum(f.fallback_ticks for f in group):8d} "
+            f"{max(f.slack_m for f in group):8.3f}"
+        )
+    return "\n".join(lines)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def _worst(values: Array) -> float:
+    return float(values.max()) if values.size else float("nan")

@@ -1,0 +1,52 @@
+"""`sandwich-sitl bench tracking`: tracking accuracy over seeds and conditions."""
+
+import argparse
+import json
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sandwich_sitl.errors import InputError
+
+
+def register(benches: Any) -> None:
+    """Add the subcommand."""
+    parser: argparse.ArgumentParser = benches.add_parser("tracking", help="accuracy of whole flights over many seeds")
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
+    parser.add_argument("--seeds", type=int, default=3, metavar="N", help="flights a condition (default 3)")
+    parser.add_argument("--only", metavar="TEXT", help="conditions whose name holds this text")
+    parser.add_argument("--paper", action="store_true", help="the paper's mode against the default instead")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override any key in all flights"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every flight's numbers here too")
+    parser.set_defaults(action=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, Flown, fly_all, table
+
+    conditions = PAPER if arguments.paper else CONDITIONS
+    if arguments.only is not None:
+        conditions = {name: changes for name, changes in conditions.items() if arguments.only in name}
+    if not conditions or arguments.seeds < 1:
+        raise InputError("--only, --seeds: leave no flight; the conditions are " + ", ".join(CONDITIONS))
+    overrides = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
+
+    def say(flown: Flown) -> None:
+        print(
+            f"bench: {flown.condition}, seed {flown.seed}: {flown.outcome}, {flown.rms_m:.3f} / {flown.worst_m:.3f} m",
+            file=sys.stderr,
+        )
+
+    with tempfile.TemporaryDirectory() as work:
+        seeds = range(1, arguments.seeds + 1)
+        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say)
+    print(table(flights))
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps([asdict(f) for f in flights], indent=1) + "\n", encoding="utf-8")
+    return 0

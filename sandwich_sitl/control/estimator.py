@@ -1,0 +1,107 @@
+"""What the vehicle does, seen beside what it was told: offset, delay, acceleration and jerk from telemetry.
+
+The autopilot's own loops make the vehicle follow its set-points c after a delay tau, up to an offset o that wind, drag
+and model errors leave:  r(t) = c(t - tau) + o(t).  All three are estimated, each in its own way:
+
+    offset   o' = w (r - c(t - tau) - o)                       the controller aims at p - o, so that r comes to p
+    delay    tau' = -kappa (v - c'(t - tau)) . a / (1 + a . a)    a late vehicle is slow while it speeds up; a steady
+             offset has no velocity, so wind is not mistaken for delay. Horizontal axes, 0 <= tau <= 0.3 s
+    motion   e+ = A e + L ([r, v] - c(t - tau) - [e_r, e_v])    all of r, v, a, j as c(t - tau) + e; L is the steady
+             Kalman gain of the integrator chain driven by white snap, with poles near w
+
+A measurement is compared with the command at its own time stamp. Nothing here writes into the command: a jump of the
+estimate moves the controller's aim at the rate w, and the command follows as smoothly as the plant model does.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+
+from sandwich_sitl.config import TrackingConfig
+from sandwich_sitl.control.model import quadruple_integrator
+
+Array = NDArray[np.float64]
+
+STALE_S = 0.5  # age at which a measurement says nothing any more
+_MOST_DELAY_S = 0.3
+_DELAY_GAIN = 0.5  # kappa
+_KEPT = 128  # commands remembered
+
+
+def kalman_gain(period_s: float, bandwidth_radps: float) -> Array:
+    """L (4, 2) for measured r and v of one axis; the weights make the poles those of radius `bandwidth_radps`."""
+    model = quadruple_integrator(period_s, "zoh")
+    A, B = model.A_p[::3, ::3], model.B_p[::3, :1]
+    C = np.eye(4)[:2]
+    w = bandwidth_radps
+    drive = B @ B.T * (w**8 / period_s**2) * period_s**2
+    noise = np.diag([1.0, w**2])
+    P = solve_discrete_are(A.T, C.T, drive + 1e-12 * np.eye(4), noise)
+    return np.asarray(A @ P @ C.T @ np.linalg.inv(C @ P @ C.T + noise))
+
+
+class VehicleEstimator:
+    """State: commands sent in the last seconds, `offset_m` (3,), `delay_s`, error state. Times of one run clock, ENU SI."""
+
+    def __init__(self, config: TrackingConfig, period_s: float, t_s: float, state: Array) -> None:
+        """Starts with `state` (12,) as the command that has been in force up to `t_s`."""
+        self._config, self._period_s = config, period_s
+        self.delay_s = 0.0 if config.delay_s is None else config.delay_s
+        self.offset_m = np.zeros(3)
+        self._chain = quadruple_integrator(period_s, "zoh").A_p[::3, ::3]
+        self._gain = kalman_gain(period_s, config.motion_radps)
+        self._error = np.zeros((4, 3))
+        self._times = np.full(_KEPT, t_s)
+        self._states = np.tile(state, (_KEPT, 1))
+        self._newest = 0
+        self._measured_s = -np.inf
+        self.motion = state.copy()
+
+    def commanded(self, t_s: float, state: Array) -> None:
+        """Remember what was sent: `state` (12,) at `t_s`."""
+        self._newest = (self._newest + 1) % _KEPT
+        self._times[self._newest], self._states[self._newest] = t_s, state
+
+    def command_at(self, t_s: float) -> Array:
+        """The command (12,) in force at `t_s`: the newest not after it, carried on without snap."""
+        back = self._newest
+        for _ in range(_KEPT - 1):
+            if self._times[back] <= t_s:
+                break
+            back = (back - 1) % _KEPT
+        state, dt = self._states[back], min(max(0.0, t_s - float(self._times[back])), 2 * self._period_s)
+        r, v, a, j = state[:3], state[3:6], state[6:9], state[9:]
+        moved = np.empty(12)
+        moved[:3] = r + dt * (v + dt * (a / 2 + dt * j / 6))
+        moved[3:6] = v + dt * (a + dt * j / 2)
+        moved[6:9], moved[9:] = a + dt * j, j
+        return moved
+
+    def measure(self, now_s: float, measured_s: float, r_m: Array, v_mps: Array) -> bool:
+        """Take in position and velocity (3,) of time `measured_s`; false when there is nothing to go by.
+
+        A measurement that came before is not taken in twice.
+        """
+        if not (np.isfinite(r_m).all() and np.isfinite(v_mps).all()) or now_s - measured_s > STALE_S:
+            return False
+        if measured_s <= self._measured_s:
+            return True
+        dt = self._period_s if self._measured_s < 0 else min(measured_s - self._measured_s, STALE_S)
+        self._measured_s = measured_s
+        command = self.command_at(measured_s - self.delay_s)
+        error = np.stack([r_m, v_mps]) - command[:6].reshape(2, 3)
+        self._learn_delay(error[1, :2], command[6:8], dt)
+        self.offset_m = self.offset_m + (1.0 - np.exp(-self._config.observer_radps * dt)) * (error[0] - self.offset_m)
+        size = float(np.linalg.norm(self.offset_m))
+        if size > self._config.offset_limit_m:
+            self.offset_m *= self._config.offset_limit_m / size
+        self._error = self._chain @ self._error
+        self._error = self._error + self._gain @ (error - self._error[:2])
+        self.motion = command + self._error.ravel()
+        return True
+
+    def _learn_delay(self, slow_mps: Array, a_mps2: Array, dt: float) -> None:
+        if self._config.delay_s is not None:
+            return
+        change = -_DELAY_GAIN * dt * float(slow_mps @ a_mps2) / (1.0 + float(a_mps2 @ a_mps2))
+        self.delay_s = min(max(self.delay_s + change, 0.0), _MOST_DELAY_S)

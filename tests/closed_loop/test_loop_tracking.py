@@ -1,0 +1,79 @@
+"""`bench tracking` flown: its numbers are those of the log, and the accuracy that is promised holds."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, excess, measure, table
+from sandwich_sitl.cli import main
+from sandwich_sitl.recording.reader import RunLog
+
+PAPER_CONFIG = Path(__file__).parents[2] / "configs" / "paper.yaml"
+
+
+def test_the_numbers_of_a_flight_are_those_of_its_log(flown: Path) -> None:
+    summary, log = json.loads((flown / "summary.json").read_text()), RunLog.read(flown / "run.mcap")
+    numbers = measure("as it is", 3, summary, log)
+    assert numbers.rms_m == pytest.approx(summary["flight"]["rms_error_m"])
+    assert numbers.worst_m == pytest.approx(summary["flight"]["max_error_m"])
+    assert numbers.route_worst_m <= numbers.worst_m
+    assert numbers.off_corridor == 0.0
+    assert (numbers.off_region == 0.0) == (summary["flight"]["quadrangle_violations"] == 0)
+    assert "as it is" in table([numbers])
+    # Inside by half-planes is inside by polygons.
+    assert log.plan is not None
+    corridor = log.plan.corridor
+    places = log.truth.r_m[::20, :2]
+    for m in range(0, len(corridor.Gamma), 5):
+        polygon = shapely.Polygon(corridor.polygons_m[m]).buffer(1e-9)
+        by_planes = excess(corridor, places, np.full(len(places), m)) <= 0.0
+        np.testing.assert_array_equal(by_planes, shapely.contains(polygon, shapely.points(places)))
+
+
+def test_calm_air_and_an_exact_estimate_are_tracked_to_centimetres(
+    short_config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "flights.json"
+    assert main(["bench", "tracking", str(short_config), "--seeds", "1", "--only", "calm", "--json", str(out)]) == 0
+    (numbers,) = json.loads(out.read_text())
+    assert numbers["outcome"] == "landed"
+    assert numbers["rms_m"] <= 0.05
+    assert numbers["worst_m"] <= 0.15
+    assert numbers["fallback_ticks"] == 0
+    assert "calm, exact estimate" in capsys.readouterr().out
+    assert main(["bench", "tracking", str(short_config), "--only", "no such thing"]) == 2
+
+
+GOALS = {  # RMS and worst in metres, where one is set
+    "calm, exact estimate": (0.05, 0.15),
+    "6 m/s, exact estimate": (0.10, 0.30),
+    "wind 8 m/s, exact estimate": (0.05, 0.30),
+    "default noise": (0.10, 0.30),
+    "noise, gusts round 5 m/s": (0.10, 0.30),
+    "noise, gusts, 6 m/s": (0.15, 0.40),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_every_condition_keeps_its_goal_and_the_corridor(tmp_path: Path) -> None:
+    assert set(GOALS) == set(CONDITIONS)
+    assert "timed" in PAPER
+    out = tmp_path / "flights.json"
+    assert main(["bench", "tracking", str(PAPER_CONFIG), "--seeds", "2", "--json", str(out)]) == 0
+    flights = json.loads(out.read_text())
+    for flight in flights:
+        rms, worst = GOALS[flight["condition"]]
+        assert flight["outcome"] == "landed"
+        assert flight["rms_m"] <= rms
+        assert flight["worst_m"] <= worst
+        assert flight["off_corridor"] == 0.0
+        assert flight["clearance_m"] >= 0.4
+    calm, windy = (
+        np.mean([f["route_rms_m"] for f in flights if f["condition"] == name])
+        for name in ("calm, exact estimate", "wind 8 m/s, exact estimate")
+    )
+    assert windy <= 1.3 * calm

@@ -1,0 +1,204 @@
+"""The ladder: what a stop is, what is refused, and that there is always something safe to fly on."""
+
+import numpy as np
+import pytest
+
+from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine, outside
+from sandwich_sitl.control.mpc import Mpc
+from sandwich_sitl.control.stop_plan import StopPlan, stop_along
+from sandwich_sitl.control.tracker import Tick, Tracker
+from sandwich_sitl.planning.corridor import FACES
+
+from .flights import DT, boxes, failing_when, flight, mpc_of, run_config
+
+RNG = np.random.default_rng(4)
+STEP_S = 0.1
+
+
+def random_plan(n: int = 20, speed: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
+    """Knots (n + 1, 12) and snap (n, 3) of a motion of the plant model."""
+    x = np.concatenate([RNG.normal(0, 1, 3), RNG.normal(0, speed, 3), RNG.normal(0, 1, 6)])
+    snap, knots = RNG.normal(0, 10, (n, 3)), [x]
+    for u in snap:
+        r, v, a, j = knots[-1].reshape(4, 3)
+        h = STEP_S
+        knots.append(
+            np.concatenate([
+                r + h * v + h**2 / 2 * a + h**3 / 6 * j + h**4 / 24 * u,
+                v + h * a + h**2 / 2 * j + h**3 / 6 * u,
+                a + h * j + h**2 / 2 * u,
+                j + h * u,
+            ])
+        )  # fmt: skip
+    return np.array(knots), snap
+
+
+def test_a_stop_begins_as_the_plan_and_ends_at_rest_on_its_path() -> None:
+    for _ in range(20):
+        knots, snap = random_plan()
+        start = 0.02
+        stop = StopPlan(knots, snap, STEP_S, start, 1.5)
+        begin, end = stop.states(np.array([0.0, 1.5]))
+        plan = StopPlan(knots, snap, STEP_S, 0.0, 1e9)  # never slows down
+        np.testing.assert_allclose(begin, plan.states(np.array([start]))[0], atol=1e-6)
+        np.testing.assert_allclose(end[3:], 0.0, atol=1e-9)
+        np.testing.assert_allclose(stop.states(np.array([99.0]))[0], end, atol=1e-12)
+        # Every place of the stop is a place of the plan, at the time that `progress` says.
+        times = np.linspace(0, 1.5, 40)
+        np.testing.assert_allclose(
+            stop.states(times)[:, :3], plan.states(start + stop.progress(times)[0])[:, :3], atol=1e-6
+        )
+
+
+def test_derivatives_of_a_stop_are_those_of_its_positions() -> None:
+    knots, snap = random_plan()
+    stop, h = StopPlan(knots, snap, STEP_S, 0.02, 1.7), 1e-5
+    times = RNG.uniform(0.01, 1.69, 50)
+    early, here, late = (stop.states(times + shift) for shift in (-h, 0.0, h))
+    slope = (late - early) / (2 * h)
+    np.testing.assert_allclose(slope[:, :9], here[:, 3:], rtol=1e-4, atol=2e-3)
+    rate = (stop.progress(times + h)[0] - stop.progress(times - h)[0]) / (2 * h)
+    np.testing.assert_allclose(stop.progress(times)[1], rate, atol=1e-6)
+
+
+def test_a_stop_takes_the_time_that_braking_needs_and_no_more_than_the_plan_has() -> None:
+    knots, snap = np.zeros((21, 12)), np.zeros((20, 3))
+    knots[:, 3] = 3.0
+    knots[:, 0] = 0.3 * np.arange(21)
+    stop = stop_along(knots, snap, STEP_S, 0.02, 3.0)
+    states = stop.states(np.linspace(0, stop.stop_s, 2000))
+    assert np.abs(states[:, 6]).max() == pytest.approx(3.0, rel=1e-3)
+    knots[:, 3] = 30.0
+    assert stop_along(knots, snap, STEP_S, 0.02, 3.0).stop_s == pytest.approx(2 * (2.0 - 0.02))
+
+
+BOUNDS = Bounds(np.array([8.0, 3.0, 8.0, 60.0]), 0.02)
+
+
+def straight(speed: float = 1.0, m: int = 60) -> np.ndarray:
+    states = np.zeros((m, 12))
+    states[:, 0] = speed * GRID_S * np.arange(m)
+    states[:, 3] = speed
+    return states
+
+
+def test_each_fault_is_found_and_a_good_plan_has_none() -> None:
+    xyz = np.column_stack([np.linspace(-0.5, 2.0, 50), np.zeros((50, 2))])
+    corridor = boxes(xyz, np.zeros(50, np.int64), 0.3)
+    region, still = np.zeros(60, np.int64), np.zeros(3)
+
+    def verdict(states: np.ndarray, offset: np.ndarray = still) -> Fault:
+        return examine(states, offset, corridor.Lambda, corridor.Gamma, region, BOUNDS)
+
+    assert verdict(straight()) is Fault.NONE
+    broken = straight()
+    broken[7, 10] = np.nan
+    assert verdict(broken) is Fault.NOT_FINITE
+    for column, value in ((3, 11.0), (5, 4.0), (7, 11.0), (9, 80.0)):
+        fast = straight()
+        fast[30, column] = value
+        assert verdict(fast) is Fault.LIMITS
+    assert verdict(straight(3.0)) is Fault.REGION
+    assert verdict(straight(), np.array([0.0, 0.33, 0.0])) is Fault.NONE  # outside already, but no further
+    leaving = straight()
+    leaving[:, 1] = np.linspace(0.29, 0.35, 60)
+    assert verdict(leaving) is Fault.REGION
+
+
+def test_a_corner_cut_between_two_grid_points_is_seen() -> None:
+    """Two regions that touch in an L: each end of a chord lies in its own region, the chord in neither."""
+    Lambda = np.tile(np.array([[1.0, 0], [0, 1.0], [-1.0, 0], [0, -1.0]]), (2, 1, 1))
+    Gamma = np.array([[1.0, 0.2, 0.0, 0.0], [1.2, 1.0, -1.0, 0.0]])  # [0, 1] x [0, 0.2] and [1, 1.2] x [0, 1]
+    points = np.array([[0.8, 0.1], [1.1, 0.6]])
+    kept = np.array([[0.8, 0.1], [1.0, 0.1], [1.1, 0.6]])
+    assert outside(points, Lambda, Gamma, np.array([0, 1]))[1] > 0.1
+    assert outside(kept, Lambda, Gamma, np.array([0, 1, 1]))[1] < 1e-9
+
+
+def ladder(broken: object, ticks: int) -> tuple[list[Tick], Tracker]:
+    """Ticks of a tracker with an exact plant and a solver that fails when `broken(k)`."""
+    reference, corridor = flight()
+    config = run_config()
+    mpc = Mpc(config.mpc, config.mode, FACES, failing_when(broken))  # type: ignore[arg-type]
+    tracker = Tracker(config, mpc, reference, corridor, reference.xyz_m[0])
+    state, flown = np.concatenate([reference.xyz_m[0], np.zeros(9)]), []
+    for k in range(ticks):
+        flown.append(tracker.tick(k * DT, state[:3], state[3:6], 0.0))
+        state = flown[-1].setpoint
+    return flown, tracker
+
+
+def test_a_solver_that_fails_for_good_ends_in_a_stop_inside_the_regions_and_then_in_braking() -> None:
+    k_fail = 300
+    ticks, tracker = ladder(lambda k: k >= k_fail, 600)
+    rungs = np.array([tick.rung for tick in ticks])
+    assert (rungs[:k_fail] == Rung.PLAN).all()
+    brake_from = int(np.argmax(rungs == Rung.BRAKE))
+    assert brake_from > k_fail
+    assert (rungs[k_fail:brake_from] == Rung.SHIFTED).all()
+    assert (rungs[brake_from:] == Rung.BRAKE).all()
+    assert {tick.fault for tick in ticks[k_fail:]} == {Fault.SOLVER}
+    states = np.array([tick.setpoint for tick in ticks])
+    assert np.linalg.norm(states[k_fail - 1, 3:6]) > 2.0
+    np.testing.assert_allclose(states[brake_from, 3:], 0.0, atol=1e-9)
+    jumps = states[1:, :3] - states[:-1, :3] - DT * states[:-1, 3:6] - DT**2 / 2 * states[:-1, 6:9]
+    assert np.abs(jumps).max() < 1e-4  # one smooth motion through every rung
+    braking = np.linalg.norm(states[k_fail:brake_from, 6:8], axis=1)
+    assert braking.max() < 1.3 * run_config().mission.brake_mps2
+    reference, corridor = flight()
+    for tick in ticks:
+        excess = corridor.Lambda[tick.region] @ tick.setpoint[:2] - corridor.Gamma[tick.region]
+        assert excess.max() < BOUNDS.region_tolerance_m
+    assert tracker.clock.t_s < reference.t_s[-1]
+
+
+def test_a_solver_that_comes_back_is_flown_again_and_the_route_is_finished() -> None:
+    ticks, tracker = ladder(lambda k: 200 <= k < 260 or k % 97 == 5 or 400 <= k < 470, 1200)
+    rungs = [tick.rung for tick in ticks]
+    assert Rung.BRAKE not in rungs
+    assert rungs.count(Rung.SHIFTED) >= 130
+    assert rungs[-1] is Rung.PLAN
+    assert tracker.finished
+    states = np.array([tick.setpoint for tick in ticks])
+    np.testing.assert_allclose(states[-1, :3], flight()[0].xyz_m[-1], atol=0.01)
+    rates = np.array([tick.rate for tick in ticks])
+    assert rates.min() < 0.7
+    assert rates[-1] == 1.0
+    jumps = states[1:, :3] - states[:-1, :3] - DT * states[:-1, 3:6] - DT**2 / 2 * states[:-1, 6:9]
+    assert np.abs(jumps).max() < 1e-4
+
+
+def test_no_plan_at_the_first_tick_is_braking_at_once() -> None:
+    ticks, _ = ladder(lambda _: True, 3)
+    assert [tick.rung for tick in ticks] == [Rung.BRAKE] * 3
+
+
+def test_a_blind_tracker_slows_down() -> None:
+    reference, corridor = flight()
+    config = run_config()
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state = np.concatenate([reference.xyz_m[0], np.zeros(9)])
+    for k in range(400):
+        seen = state[:3] if k < 250 else np.full(3, np.nan)
+        tick = tracker.tick(k * DT, seen, state[3:6], 0.0)
+        state = tick.setpoint
+        assert (tick.rung, tick.fault) == ((Rung.PLAN, Fault.NONE) if k < 250 else (tick.rung, Fault.BLIND))
+        assert (tick.rung is Rung.PLAN) == (k < 250)
+    assert np.linalg.norm(state[3:]) < 1e-9
+
+
+def test_a_region_that_closes_stops_the_vehicle_before_it() -> None:
+    """Regions after the sixth are walled off: no plan through them is accepted, and the command rests before the wall."""
+    reference, corridor = flight()
+    wall = float(reference.xyz_m[np.argmax(reference.region == 6), 0])
+    corridor.Gamma[6:, 0] = wall  # x <= wall, in every later region
+    config = run_config()
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state, faults = np.concatenate([reference.xyz_m[0], np.zeros(9)]), set()
+    for k in range(900):
+        tick = tracker.tick(k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+        faults.add(tick.fault)
+        assert state[0] <= wall + config.assurance.region_tolerance_m
+    assert Fault.REGION in faults or Fault.LIMITS in faults
+    assert np.linalg.norm(state[3:6]) < 0.05

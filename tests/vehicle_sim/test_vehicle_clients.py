@@ -1,0 +1,29 @@
+"""Real client programs fly the vehicle over UDP: MAVSDK 4 and 3, MAVProxy. Skipped where they are not installed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[2]
+CLIENTS = Path(os.environ.get("SITL_CLIENTS", TOP / ".clients"))
+FEATURES = {"mavsdk4": 23, "mavsdk3": 16, "mavproxy": 16}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("client", sorted(FEATURES))
+def test_client_program_flies_the_vehicle_as_it_flies_px4(client: str) -> None:
+    if not (CLIENTS / client / "bin" / "python").exists():
+        pytest.skip(f"{client} is not installed in {CLIENTS}; run tools/install_clients.sh")
+    done = subprocess.run(
+        [sys.executable, str(TOP / "tools" / "client_matrix.py"), "--only", client, "--clients", str(CLIENTS)],
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{client}: {FEATURES[client]} of {FEATURES[client]} features" in done.stdout

@@ -1,0 +1,1 @@
+"""The vehicle as MAVLink shows it: messages, and the rates at which each client gets them."""
