@@ -58,15 +58,23 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Draw the channel map of a map file or a run.")
     parser.add_argument("file", type=Path, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
-    parser.add_argument("--cell", type=float, metavar="M", help="cell size")
-    parser.add_argument("--radius", type=float, metavar="M", help="of the vehicle (default 0.4)")
-    parser.add_argument("--margin", type=float, metavar="M", help="kept beyond the radius (default 0.6)")
+    parser.add_argument("--cell", type=_length, metavar="M", help="cell size")
+    parser.add_argument("--radius", type=_length, metavar="M", help="of the vehicle (default 0.4)")
+    parser.add_argument("--margin", type=_length, metavar="M", help="kept beyond the radius (default 0.6)")
     parser.add_argument("--flow", choices=("x", "y"), help="axis of the channels (default: the longer side)")
     parser.add_argument("--title", help="over the picture (default: the file's name)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="an import option, as gap_m=1.5"
     )
     return parser
+
+
+def _length(text: str) -> float:
+    """Metres, more than nothing."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} must be greater than 0")
+    return value
 
 
 def _world(options: argparse.Namespace) -> tuple[World, PlannerConfig]:

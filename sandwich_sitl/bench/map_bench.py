@@ -35,8 +35,9 @@ _LOADS = 7
 _POP_UPS = 9
 _POP_UP_M = 3.0
 _POP_UP_SEED = 1
-_STAGES = {
-    "close": "_barriers",
+_STAGES = {  # functions of other modules that `build` calls
+    "close": "close_world",
+    "mesh bays": "mesh_bay",
     "classify": "classify",
     "dividers": "lay_dividers",
     "stations": "lay_stations",
@@ -44,7 +45,6 @@ _STAGES = {
     "solve": "solve_elliptic",
     "unfold": "untangle",
     "stretches": "without_folds",
-    "lids": "_lid_places",
     "measure": "measure",
 }
 

@@ -1,7 +1,7 @@
 """A channel map as one picture to show: obstacles, channels with their grid, dividing streamlines, bays.
 
 Input: a `ChannelMap` and the obstacles before growing, ENU metres. Grid lines are thinned to a readable pitch, whatever
-the map's resolution. The PNG has a small palette, so that it stays small.
+the map's resolution. The PNG's palette holds the colours of the drawing and the middle of each two: it stays small.
 """
 
 import io
@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
@@ -23,13 +24,13 @@ from sandwich_sitl.recording.scene import unbroken
 
 Array = NDArray[np.float64]
 
-_LONG_PX = 2000  # of the picture's longer side
+_WIDTH_PX = 2000  # of a wide map; others have as many pixels
+_PX = 2_400_000
 _DPI = 200
 _LEAST_WIDTH_IN = 6.0
 _TITLE_IN = 0.62
 _LEGEND_IN = 0.38
 _PAD_IN = 0.12
-_COLOURS = 40
 _LINES = 90  # grid lines along the longer side
 _FINE_PX = 7.0  # cells of bays smaller than this are filled without their sides
 _PAPER = "#ffffff"
@@ -42,13 +43,15 @@ _BAY = "#f6e7c8"
 _BAY_LINE = "#dcc08a"
 _GROWN = "#c3c9cf"
 _OBSTACLE = "#46525e"
+_COLOURS = (_PAPER, _INK, _SOFT_INK, *_CHANNELS, _GRID, _DIVIDE, _BAY, _BAY_LINE, _GROWN, _OBSTACLE)
 
 
 def draw_map(channel_map: ChannelMap, obstacles_m: Sequence[Array], path: Path, title: str) -> None:
     """Write the picture as PNG; `obstacles_m` are rings (V, 2). Raises `InputError` when `path` cannot be written."""
     x_min, y_min, x_max, y_max = channel_map.bounds_m
-    m_per_in = max(x_max - x_min, y_max - y_min) * _DPI / _LONG_PX
-    width_in, height_in = (x_max - x_min) / m_per_in, (y_max - y_min) / m_per_in
+    width, height = x_max - x_min, y_max - y_min
+    m_per_in = _DPI * max(width / _WIDTH_PX, float(np.sqrt(width * height / _PX)))
+    width_in, height_in = width / m_per_in, height / m_per_in
     figure = Figure(
         figsize=(max(width_in, _LEAST_WIDTH_IN) + 2 * _PAD_IN, height_in + _TITLE_IN + _LEGEND_IN), facecolor=_PAPER
     )
@@ -63,19 +66,28 @@ def draw_map(channel_map: ChannelMap, obstacles_m: Sequence[Array], path: Path, 
     _draw_lines(axes, channel_map)
     _fill(axes, list(channel_map.grown.rings_m()), _GROWN, zorder=4)
     _fill(axes, list(obstacles_m), _OBSTACLE, zorder=5)
-    frame = Rectangle((x_min, y_min), x_max - x_min, y_max - y_min, fill=False, edgecolor=_INK, linewidth=2, zorder=7)
+    frame = Rectangle((x_min, y_min), width, height, fill=False, edgecolor=_INK, linewidth=2, zorder=7)
     axes.add_patch(frame)
     _draw_caption(_strip(figure, height_in + _LEGEND_IN, _TITLE_IN), channel_map, title, m_per_in)
     _draw_legend(_strip(figure, 0.0, _LEGEND_IN), channel_map)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=_DPI, format="png")
-    small = Image.open(buffer).convert("RGB").quantize(colors=_COLOURS, dither=Image.Dither.NONE)
+    small = Image.open(buffer).convert("RGB").quantize(palette=_palette(), dither=Image.Dither.NONE)
     try:
         small.save(path, format="PNG", optimize=True)
     except OSError as error:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); give a directory that can be written"
         ) from error
+
+
+def _palette() -> Image.Image:
+    """An image whose palette is the drawing's colours and the middle of each two, for smooth edges."""
+    colours = np.array([to_rgb(colour) for colour in _COLOURS])
+    a, b = np.triu_indices(len(colours))
+    image = Image.new("P", (1, 1))
+    image.putpalette((255 * (colours[a] + colours[b]) / 2).round().astype(np.uint8).tobytes())
+    return image
 
 
 def _draw_ground(axes: Axes, channel_map: ChannelMap, px_per_m: float) -> None:

@@ -48,7 +48,7 @@ def test_a_size_is_measured_whole() -> None:
     assert 0 < found.whole_s < elapsed
     assert found.ratio is not None
     assert found.ratio > 0
-    assert all(seconds > 0 for seconds in found.stages_s.values())
+    assert all(seconds > 0 for seconds in found.stages_s.values()), found.stages_s
 
 
 def test_growth_is_the_slope_of_the_logarithms() -> None:
