@@ -69,8 +69,17 @@ class PlannerConfig:
         bool, Field(description="keep the map in the user's cache for the next run of the same world")
     ] = True
     min_rows: Annotated[int, Field(ge=3, description="least number of nodes across a channel")] = 5
+    route: Annotated[
+        Literal["sandwich", "tight", "exact"],
+        Field(
+            description="route to fly: the paper's A* on the map, that pulled tight, or the proven shortest; "
+            "paper mode always flies the first"
+        ),
+    ] = "tight"
     speed_mps: Annotated[float, Field(ge=0.1, le=30)] = 3.0
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
+    jerk_mps3: Annotated[float, Field(ge=0.1, le=500)] = 10.0
+    snap_mps4: Annotated[float, Field(ge=0.1, le=5000)] = 60.0
 
 
 @dataclass(frozen=True, config=STRICT)

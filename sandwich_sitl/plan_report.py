@@ -1,6 +1,7 @@
 """The lines that `plan` prints: the map's figures and a table like the paper's Table I, with the exact optimum beside it."""
 
 from sandwich_sitl.planning.baselines import path_length
+from sandwich_sitl.planning.decomposition import areas_m2
 from sandwich_sitl.planning.flight_plan import FlightPlan
 
 
@@ -14,20 +15,53 @@ def plan_report(plan: FlightPlan) -> str:
         f"          least corner sine {quality.min_jacobian_ratio:.3f}, mean angle error "
         f"{quality.mean_angle_error_deg:.1f} deg, edges {quality.median_edge_m:.2f} m, coverage {quality.coverage:.5f}",
         "",
-        "          existing A*   Sandwich A*   exact shortest path",
+        "          existing A*   Sandwich A*   tight route   exact shortest path",
     ]
     regular = path_length(plan.grid_astar_m) if len(plan.grid_astar_m) else None
+    tight = path_length(plan.tight_m) if len(plan.tight_m) else None
     exact = path_length(plan.exact_m) if len(plan.exact_m) else None
-    lines.append(f"length    {_metres(regular):>11}   {_metres(sandwich):>11}   {_metres(exact):>19}")
+    lines.append(
+        f"length    {_metres(regular):>11}   {_metres(sandwich):>11}   {_metres(tight):>11}   {_metres(exact):>19}"
+    )
     if exact:
-        over = [f"{100 * (length / exact - 1):+.2f} %" if length else "-" for length in (regular, sandwich, exact)]
-        lines.append(f"over it   {over[0]:>11}   {over[1]:>11}   {over[2]:>19}")
+        over = [
+            f"{100 * (length / exact - 1):+.2f} %" if length else "-" for length in (regular, sandwich, tight, exact)
+        ]
+        lines.append(f"over it   {over[0]:>11}   {over[1]:>11}   {over[2]:>11}   {over[3]:>19}")
     if regular:
-        lines.append(f"reduction {100 * (1 - sandwich / regular):.2f} % of the existing A*'s length")
+        lines.append(
+            f"reduction {100 * (1 - sandwich / regular):.2f} % of the existing A*'s length, "
+            f"{100 * (regular / sandwich - 1):.2f} % of the Sandwich A*'s"
+        )
+    proof = ", proven: no path among the grown obstacles is shorter" if plan.route_proven else ""
+    lines.append(f"flown     {plan.route_kind} route{proof}")
     lines += ["", f"flight    {plan.reference.t_s[-1]:.1f} s, {len(plan.corridor.polygons_m)} regions"]
+    if plan.flight is not None:
+        flight = plan.flight
+        lines.append(
+            f"          along the route {flight.duration_s:.2f} s, {flight.duration_s / flight.least_duration_s:.3f} times "
+            f"the time-optimal law's; curve {flight.curve_m:.2f} m, {flight.curve_m / flight.route_m:.4f} times the route"
+        )
+    lines += _corridor_lines(plan)
     lines.append("seconds   " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.seconds.items()))
     return "\n".join(lines)
 
 
+def _corridor_lines(plan: FlightPlan) -> list[str]:
+    """Area per step beside the paper's quadrangle and a free-space decomposition, and what was proven."""
+    own, paper, free = areas_m2(plan)
+    lines = [
+        f"corridor  {own:.1f} m2 a step; the paper's quadrangle {paper:.1f}, a free-space decomposition {free:.1f}"
+    ]
+    if plan.proof is not None:
+        proof = plan.proof
+        verdict = "proven free" if proof.proven else f"NOT proven: {proof.problem}"
+        lines.append(
+            f"          {verdict} for {proof.steps} steps; least margin {proof.least_margin_m:.3f} m, "
+            f"{proof.between_samples_m:.3f} m kept for between samples"
+        )
+    return lines
+
+
 def _metres(length: float | None) -> str:
-    return "no path" if length is None else f"{length:.2f} m"
+    return "-" if length is None else f"{length:.2f} m"

@@ -139,7 +139,7 @@ def _with_obstacle(grown: GrownWorld, obstacle: Polygon, name: str) -> tuple[Gro
     met = [k for k, polygon in enumerate(grown.polygons) if polygon.intersects(obstacle)]
     kept = [k for k in range(len(grown.polygons)) if k not in met]
     united = shapely.union_all([obstacle, *(grown.polygons[k] for k in met)])
-    parts = tuple(Polygon(part.exterior) for part in shapely.get_parts(united))
+    parts = tuple(shapely.orient_polygons(Polygon(part.exterior)) for part in shapely.get_parts(united))
     joined = "+".join([*(grown.names[k] for k in met), name])
     shut_in = shapely.union_all(list(parts)).difference(united)
     world = replace(

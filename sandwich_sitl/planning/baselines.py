@@ -4,6 +4,8 @@ Notes N11: an 8-connected grid costs up to 8.24 % over the straight line, so a g
 exact optimum beside it.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,26 +15,39 @@ from sandwich_sitl.planning.search import FoundPath, Graph, Links, astar, grid_e
 Array = NDArray[np.float64]
 
 
-def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array | None:
-    """A* path (n, 2) on a uniform 8-connected grid of about `nodes` nodes over the bounds; None when it finds none.
+@dataclass(frozen=True)
+class UniformGrid:
+    """A uniform 8-connected grid over the bounds, without the edges that enter an obstacle."""
 
-    Edges that enter an obstacle are left out. Start and goal are joined to the grid nodes of their cell and its
-    neighbours that they can see.
-    """
+    free: FreeSpace
+    graph: Graph
+    reach_m: float  # start and goal are joined to the nodes within it that they can see
+
+    def path(self, start: Array, goal: Array) -> Array | None:
+        """A* path (n, 2) between two points (2,); None when it finds none."""
+        xy, reach = self.graph.xy_m, self.reach_m
+        start_links, goal_links = _visible(self.free, xy, start, reach), _visible(self.free, xy, goal, reach)
+        found = astar(self.graph, start_links, goal, goal_links)
+        return None if found is None else path_points(self.graph, found, start, goal)
+
+
+def uniform_grid(free: FreeSpace, nodes: int) -> UniformGrid:
+    """The grid of about `nodes` nodes; ends are joined to the nodes of their cell and its neighbours."""
     x_min, y_min, x_max, y_max = free.bounds_m
     spacing = np.sqrt((x_max - x_min) * (y_max - y_min) / nodes)
     n_x, n_y = max(2, round((x_max - x_min) / spacing) + 1), max(2, round((y_max - y_min) / spacing) + 1)
     x, y = np.linspace(x_min, x_max, n_x), np.linspace(y_min, y_max, n_y)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(n_x * n_y).reshape(n_x, n_y)
-    edges = grid_edges(number)
+    edges = grid_edges(np.arange(n_x * n_y).reshape(n_x, n_y))
     outside = ~free.covered(xy)
     edges = edges[outside[edges].all(axis=1)]
     edges = edges[~free.blocked(xy[edges[:, 0]], xy[edges[:, 1]])]
-    graph = Graph.from_edges(xy, edges)
-    reach = 2.0 * float(np.hypot(x[1] - x[0], y[1] - y[0]))
-    found = astar(graph, _visible(free, xy, start, reach), goal, _visible(free, xy, goal, reach))
-    return None if found is None else path_points(graph, found, start, goal)
+    return UniformGrid(free, Graph.from_edges(xy, edges), 2.0 * float(np.hypot(x[1] - x[0], y[1] - y[0])))
+
+
+def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array | None:
+    """A* path (n, 2) on a uniform grid of about `nodes` nodes; None when it finds none."""
+    return uniform_grid(free, nodes).path(start, goal)
 
 
 def exact_shortest_path(free: FreeSpace, rings: tuple[Array, ...], start: Array, goal: Array) -> Array | None:

@@ -1,30 +1,40 @@
-"""Convex regions along the route: the paper's neighbouring quadrangles, mended where they fail (paper, section V-A;
-notes N17).
+"""Convex regions along the reference, from the paper's neighbouring quadrangles (paper, section V-A; notes N17, N18).
 
 The quadrangle of node (i, j) has the corners (i-1, j-1), (i+1, j-1), (i+1, j+1), (i-1, j+1); its four sides, counter-
 clockwise, are half-planes Lambda [x, y] <= Gamma. It may be non-convex, may miss the reference, its sides may cut an
-obstacle, and at walls and borders some corners do not exist. Mending: each half-plane moves outwards until the
-stretch of reference that belongs to the node lies inside with a margin; then, while the region meets an obstacle
-grown by the vehicle's radius, the half-plane that separates the nearest such piece from the stretch is added. A
-region therefore always holds its stretch and meets no grown obstacle: both by exact geometry.
+obstacle, and at walls and borders some corners do not exist. So the reference is cut into stretches; a region grows
+(`inflation`) from the quadrangle of the node nearest to its stretch where that is convex, holds the stretch and keeps
+its distance, and from the stretch itself where it is not. Every region holds its stretch, with the sample before and
+after it, and meets no grown obstacle.
+
+Between samples. The controller holds the vehicle in its regions at instants T apart. Any instant between two of them
+is at most T / 2 from one, so the vehicle is at most  v T / 2  from the union of their two regions as long as it is no
+faster than v. That bound, `between_samples_m` with v = 1.25 v_reference + 0.05 m/s, is kept between every region and
+the obstacles grown by the vehicle's radius.
 """
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sandwich_sitl.channels.bays import Bay
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import MapError
-from sandwich_sitl.planning.flight_plan import Corridor
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
+from sandwich_sitl.planning.inflation import inflate
+from sandwich_sitl.planning.outlines import Outlines
 
 Array = NDArray[np.float64]
 HalfPlanes = list[tuple[Array, float]]
 
 FACES = 8
-_AREA_M2 = 1e-9
-_MOST_CUTS = 40
-_HAIR_M = 1e-6  # a separating half-plane keeps this much off the obstacle, so that no sliver of it stays
+SPEED_SHARE, SPEED_MORE_MPS = 1.25, 0.05  # the flown speed is at most this share of the reference's and this more
+_STRETCH_M = 1.0
+_HAIR_M = 1e-6
+REACH_M = 6.0  # how far a region may reach from its seed
+_REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
+_NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
 
 
 def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
@@ -78,55 +88,129 @@ def paper_corridor(quadrangles: Array) -> Corridor:
     return _stacked(regions, list(quadrangles), quadrangles)
 
 
-def mended_corridor(
-    quadrangles: Array, stretches: list[Array], solid: list[shapely.Polygon], margin_m: float, reach_m: float
-) -> Corridor:
-    """Regions (M) that hold their stretch (n, 2) of reference with `margin_m` where obstacles allow.
+def between_samples_m(speed_mps: Array, interval_s: float) -> Array:
+    """What a vehicle that tracks a reference of this speed may leave its regions by between samples, metres."""
+    return np.asarray((SPEED_SHARE * speed_mps + SPEED_MORE_MPS) * interval_s / 2)
 
-    They meet no polygon of `solid`. No side is further than `reach_m` from the stretch. Raises `MapError` when a
-    stretch itself meets an obstacle.
+
+def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = 0.8) -> Array:
+    """Speed at which `between_samples_m` takes this share of the clearance."""
+    return np.asarray(np.maximum((share * clearance_m * 2 / interval_s - SPEED_MORE_MPS) / SPEED_SHARE, 0.0))
+
+
+def proven_corridor(
+    t_s: Array, xyz_m: Array, channel_map: ChannelMap, outlines: Outlines, interval_s: float
+) -> tuple[Reference, Corridor]:
+    """The reference (K,), (K, 3) with its regions, none of which comes nearer to an obstacle than the bound above.
+
+    `outlines` are the obstacles grown by the vehicle's radius. Raises `MapError` when a step is too near to one.
     """
-    tree = shapely.STRtree(solid)
-    regions, polygons = [], []
-    for quadrangle, stretch in zip(quadrangles, stretches, strict=True):
-        planes, polygon = _mended(quadrangle, stretch, tree, margin_m, reach_m)
-        regions.append(planes)
-        polygons.append(shapely.get_coordinates(shapely.orient_polygons(polygon).exterior)[:-1])
-    return _stacked(regions, polygons, quadrangles)
+    xy = xyz_m[:, :2]
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    count = max(1, round(float(travelled[-1]) / _STRETCH_M))
+    starts = np.unique(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], count + 1)[:-1] - 1e-12))
+    spans = list(zip(starts.tolist(), [*starts[1:].tolist(), len(xy)], strict=True))
+    speed = speeds_mps(t_s, xy)
+    centres = xy[[(a + b) // 2 for a, b in spans]]
+    quadrangles = [neighbouring_quadrangle(channel_map, place) for place in nearest_places(channel_map, centres)]
+    boxes = np.array([_box(xy[max(0, a - 1) : b + 1], _REACHES_M[0] + 2.0) for a, b in spans])
+    regions: list[Array] = []
+    polygons: list[Array] = []
+    neighbours: list[Array] = []
+    region = np.empty(len(xy), dtype=np.int64)
+    for span, quadrangle, edges in zip(spans, quadrangles, outlines.near(boxes), strict=True):
+        waiting = [span]
+        while waiting:
+            a, b = waiting.pop()
+            first = max(0, a - 1)
+            keep = float(between_samples_m(speed[first : b + 1].max(), interval_s)) + _HAIR_M
+            found = _region(xy[first : b + 1], quadrangle, edges, keep)
+            if found is None and b - a > 1:
+                waiting += [((a + b) // 2, b), (a, (a + b) // 2)]
+                continue
+            if found is None:
+                raise MapError(f"corridor: the reference is too near an obstacle at ({xy[a, 0]:.2f}, {xy[a, 1]:.2f})")
+            region[a:b] = len(regions)
+            regions.append(found[0])
+            polygons.append(found[1])
+            neighbours.append(quadrangle)
+    return Reference(t_s, xyz_m, region), _stacked(
+        [[(plane[:2], float(plane[2])) for plane in planes] for planes in regions], polygons, np.array(neighbours)
+    )
 
 
-def _mended(
-    quadrangle: Array, stretch: Array, tree: shapely.STRtree, margin_m: float, reach_m: float
-) -> tuple[HalfPlanes, shapely.Polygon]:
-    for reach in (reach_m, reach_m / 2, reach_m / 4, margin_m):
-        box = _sides(_box(stretch, max(reach, margin_m)))
-        widened = [(n, max(g, float((stretch @ n).max()) + margin_m)) for n, g in _sides(quadrangle)]
-        planes = _cut(widened + box, stretch, tree)
-        polygon = _polygon(planes, stretch)
-        kept = [(n, g) for n, g in planes if _supports(polygon, n, g)]
-        if len(kept) <= FACES:
-            return kept, polygon
-    raise MapError(f"corridor: no region of at most {FACES} sides near ({stretch[0, 0]:.2f}, {stretch[0, 1]:.2f})")
+def speeds_mps(t_s: Array, xy_m: Array) -> Array:
+    """Horizontal speed (K,) round each sample: the larger of those of the steps before and after it."""
+    step = np.hypot(*np.diff(xy_m, axis=0).T) / np.diff(t_s)
+    return np.asarray(np.maximum(np.append(step, 0.0), np.append(0.0, step)))
 
 
-def _cut(planes: HalfPlanes, stretch: Array, tree: shapely.STRtree) -> HalfPlanes:
-    """Add the half-planes that separate the region from every obstacle of the tree."""
-    core = shapely.MultiPoint(stretch).convex_hull
-    planes = list(planes)
-    for _ in range(_MOST_CUTS):
-        region = _polygon(planes, stretch)
-        pieces = [tree.geometries[k].intersection(region) for k in tree.query(region)]
-        pieces = [piece for piece in pieces if piece.area > _AREA_M2]
-        if not pieces:
-            return planes
-        nearest = min(pieces, key=core.distance)
-        p, q = shapely.get_coordinates(shapely.shortest_line(core, nearest))
-        gap = float(np.hypot(*(q - p)))
-        if gap < 2 * _HAIR_M:
-            raise MapError(f"corridor: the reference meets an obstacle at ({q[0]:.2f}, {q[1]:.2f})")
-        normal = (q - p) / gap
-        planes.append((normal, float(normal @ q) - _HAIR_M))
-    raise MapError(f"corridor: no region free of obstacles near ({stretch[0, 0]:.2f}, {stretch[0, 1]:.2f})")
+def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, int, int]]:
+    """Places (d, i, j) of the map's nodes nearest to points (n, 2); a bay's places are (channels + bay, node, 0)."""
+    grids = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
+    nodes = np.concatenate([grid.reshape(-1, 2) for grid in grids])
+    size = max(channel_map.quality.median_edge_m * _NODES_WITHIN, _HAIR_M)
+    near = _same_cells(nodes, points, size)
+    chosen = np.flatnonzero(near) if near.any() else np.arange(len(nodes))
+    gap, found = cKDTree(nodes[chosen]).query(points)
+    if float(np.max(gap)) > size:
+        chosen = np.arange(len(nodes))
+        found = cKDTree(nodes).query(points)[1]
+    first = np.cumsum([0, *(grid.shape[0] * grid.shape[1] for grid in grids)])
+    places = []
+    for node in chosen[found]:
+        d = int(np.searchsorted(first, node, side="right")) - 1
+        i, j = divmod(int(node - first[d]), grids[d].shape[1])
+        places.append((d, i, j))
+    return places
+
+
+def _same_cells(nodes: Array, points: Array, size: float) -> NDArray[np.bool_]:
+    """Which nodes lie in the cells of a raster that hold a point, or beside them."""
+    low = np.floor(np.vstack([nodes.min(axis=0), points.min(axis=0)]).min(axis=0) / size) - 1
+    high = np.floor(np.vstack([nodes.max(axis=0), points.max(axis=0)]).max(axis=0) / size) + 1
+    raster = np.zeros((high - low + 1).astype(np.int64), dtype=np.bool_)
+    at = (np.floor(points / size) - low).astype(np.int64)
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            raster[at[:, 0] + dx, at[:, 1] + dy] = True
+    cells = (np.floor(nodes / size) - low).astype(np.int64)
+    return np.asarray(raster[cells[:, 0], cells[:, 1]])
+
+
+def _region(stretch: Array, quadrangle: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | None:
+    """Half-planes (F, 3) and corners of the larger of the regions grown from the quadrangle and from the stretch."""
+    seeds = [hull(stretch)]
+    if sound(quadrangle, stretch):
+        seeds.append(quadrangle)
+    grown = [found for seed in seeds if (found := _grown(seed, edges, keep_m)) is not None]
+    return max(grown, key=lambda found: float(shapely.Polygon(found[1]).area), default=None)
+
+
+def _grown(seed: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | None:
+    for reach in _REACHES_M:
+        planes, ring = inflate(seed, edges, _box(seed, reach), keep_m, FACES)
+        if len(planes):
+            return planes, ring
+    return None
+
+
+def sound(quadrangle: Array, stretch: Array) -> bool:
+    """Whether a quadrangle is convex, counter-clockwise and holds the stretch."""
+    side = np.roll(quadrangle, -1, axis=0) - quadrangle
+    turn = side[:, 0] * np.roll(side[:, 1], -1) - side[:, 1] * np.roll(side[:, 0], -1)
+    if float(turn.min()) <= 0.0:
+        return False
+    return all(float((stretch @ n).max()) < g - _HAIR_M for n, g in _sides(quadrangle))
+
+
+def hull(points: Array) -> Array:
+    """Corners of the convex hull of points, counter-clockwise; two for a line, one for a point."""
+    shape = shapely.MultiPoint(points).convex_hull
+    corners = np.asarray(shapely.get_coordinates(shape))
+    if not isinstance(shape, shapely.Polygon):
+        return corners
+    return corners[:-1] if shapely.is_ccw(shapely.linearrings(corners)) else corners[:0:-1]
 
 
 def _sides(corners: Array) -> HalfPlanes:
@@ -138,33 +222,8 @@ def _sides(corners: Array) -> HalfPlanes:
 
 
 def _box(points: Array, reach: float) -> Array:
-    (x0, y0), (x1, y1) = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-
-
-def _polygon(planes: HalfPlanes, stretch: Array) -> shapely.Polygon:
-    """The region as a polygon: a large box clipped by each half-plane (Sutherland-Hodgman)."""
-    ring = _box(stretch, 1e3)
-    for normal, offset in planes:
-        value = ring @ normal - offset
-        following, following_value = np.roll(ring, -1, axis=0), np.roll(value, -1)
-        points = []
-        for a, b, va, vb in zip(ring, following, value, following_value, strict=True):
-            if va <= 0:
-                points.append(a)
-            if (va < 0 < vb) or (vb < 0 < va):
-                points.append(a + va / (va - vb) * (b - a))
-        ring = np.array(points).reshape(-1, 2)
-        if len(ring) < 3:
-            raise MapError(f"corridor: empty region near ({stretch[0, 0]:.2f}, {stretch[0, 1]:.2f})")
-    return shapely.Polygon(ring)
-
-
-def _supports(polygon: shapely.Polygon, normal: Array, offset: float) -> bool:
-    """Whether the half-plane carries a side of the polygon."""
-    ring = shapely.get_coordinates(polygon.exterior)
-    on_side = np.abs(ring @ normal - offset) < 1e-9 * (1 + abs(offset))
-    return bool((on_side[1:] & on_side[:-1] & (np.hypot(*np.diff(ring, axis=0).T) > 1e-9)).any())
+    """(x_min, y_min, x_max, y_max) of points, `reach` wider."""
+    return np.concatenate([points.min(axis=0) - reach, points.max(axis=0) + reach])
 
 
 def _stacked(regions: list[HalfPlanes], polygons: list[Array], quadrangles: Array) -> Corridor:

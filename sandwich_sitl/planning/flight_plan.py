@@ -40,6 +40,36 @@ class Corridor:
 
 
 @dataclass(frozen=True)
+class CorridorProof:
+    """What `prove_corridor` found; lengths in metres.
+
+    `least_margin_m`: of a reference point to a side of its region. `least_clearance_m`: of a region to an obstacle grown
+    by the vehicle's radius and by what the vehicle may leave it by between samples, at most `between_samples_m`.
+    """
+
+    proven: bool
+    problem: str
+    steps: int
+    least_margin_m: float
+    least_clearance_m: float
+    between_samples_m: float
+
+
+@dataclass(frozen=True)
+class FlightFigures:
+    """The way along the route, without the climb: metres and seconds.
+
+    `least_duration_s` is that of the time-optimal law along the same curve under the limits on speed and acceleration
+    alone (and the speed that clearances allow): no law that also limits jerk and snap is faster.
+    """
+
+    route_m: float
+    curve_m: float
+    duration_s: float
+    least_duration_s: float
+
+
+@dataclass(frozen=True)
 class FlightPlan:
     """World, map, routes, reference and corridor of one run."""
 
@@ -60,4 +90,14 @@ class FlightPlan:
     exact_m: Array  # (N, 2) exact shortest path
     reference: Reference
     corridor: Corridor
+    route_kind: str = "sandwich"  # which route is flown: sandwich, tight or exact
+    route_proven: bool = False  # no path among the grown obstacles is shorter than the flown route
+    tight_m: Array = field(default_factory=lambda: np.empty((0, 2)))  # (N, 2) the flown route when it is not sandwich_m
+    proof: CorridorProof | None = None  # None in plans that were made without one
+    flight: FlightFigures | None = None  # None in paper mode
     seconds: dict[str, float] = field(default_factory=dict)  # wall time of each stage; never part of a payload
+
+    @property
+    def route_m(self) -> Array:
+        """The flown route (N, 2)."""
+        return self.sandwich_m if self.route_kind == "sandwich" else self.tight_m

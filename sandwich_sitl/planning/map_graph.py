@@ -9,28 +9,50 @@ A place (b, i, j) names node (i, j) of channel b, or, from b = number of channel
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.channel_map import ChannelMap
-from sandwich_sitl.planning.search import Graph, Links
+from sandwich_sitl.planning.cell_index import CellIndex, rows_of
+from sandwich_sitl.planning.search import Graph, Links, distances_to
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Place = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class MapGraph:
-    """`graph`, `node[b][i, j]` (the number of node (i, j) of channel or bay b) and `place` (N, 3), a (b, i, j) each."""
+    """The graph, and its cells for finding the one that holds a point.
+
+    `node[b][i, j]` is the number of node (i, j) of channel or bay b, `place` (N, 3) a (b, i, j) of each node. Cells
+    have the corner nodes `quads` (C, 4), counter-clockwise, and `cell_place` (C, 3): (channel, i, j) of the lowest
+    corner, or (channels + bay, quad, 0).
+    """
 
     graph: Graph
-    node: tuple[NDArray[np.int64], ...]
-    place: NDArray[np.int64]
+    node: tuple[Ints, ...]
+    place: Ints
+    quads: Ints
+    cell_place: Ints
+
+    @cached_property
+    def cells(self) -> CellIndex:
+        """Spatial index of the cells."""
+        return CellIndex.of(self.graph.xy_m[self.quads])
+
+    @cached_property
+    def around(self) -> tuple[Ints, Ints]:
+        """Compressed rows: the cells `around[first[n] : first[n + 1]]` have node n as a corner; (first, around)."""
+        first, cells = rows_of(self.quads, len(self.graph.xy_m))
+        return first, cells
 
 
 def build_map_graph(channel_map: ChannelMap) -> MapGraph:
     """Number the nodes, shared ones once, and link neighbours."""
-    numbers: list[NDArray[np.int64]] = []
+    numbers: list[Ints] = []
     count = 0
     for d, xy in enumerate(channel_map.xy_m):
         fresh = np.ones(xy.shape[:2], dtype=bool)
@@ -55,53 +77,51 @@ def build_map_graph(channel_map: ChannelMap) -> MapGraph:
     xy_m = np.empty((count, 2))
     nodes = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
     for b in reversed(range(len(numbers))):
-        i, j = np.indices(numbers[b].shape)
-        place[numbers[b]] = np.stack([np.full_like(i, b), i, j], axis=-1)
-        xy_m[numbers[b]] = nodes[b]
-    grids = [_grid_quads(number, gridded) for number, gridded in zip(numbers, channel_map.gridded, strict=False)]
-    bays = [number[bay.quads, 0] for number, bay in zip(numbers[channel_map.channels :], channel_map.bays, strict=True)]
-    quads = np.concatenate([np.empty((0, 4), dtype=np.int64), *grids, *bays])
-    edges = np.concatenate([quads[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))])
-    return MapGraph(Graph.from_edges(xy_m, edges), tuple(numbers), place)
+        own = numbers[b]
+        place[own, 0] = b
+        place[own, 1], place[own, 2] = np.arange(own.shape[0])[:, None], np.arange(own.shape[1])
+        xy_m[own] = nodes[b]
+    quads, cell_place = _cells(channel_map, numbers)
+    return MapGraph(Graph.from_quads(xy_m, quads), tuple(numbers), place, quads, cell_place)
 
 
-def _grid_quads(number: NDArray[np.int64], gridded: NDArray[np.bool_]) -> NDArray[np.int64]:
-    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=2)
-    return np.asarray(corners[gridded].reshape(-1, 4))
-
-
-def links(map_graph: MapGraph, channel_map: ChannelMap, point: Array) -> Links:
-    """Links from a point (2,) to the corners of every cell that holds it; empty when it lies on no cell."""
-    found: dict[int, float] = {}
-    for cell in locate(channel_map, point):
-        for node in cell_nodes(map_graph, channel_map, cell):
-            found[node] = float(np.hypot(*(map_graph.graph.xy_m[node] - point)))
-    return sorted(found.items())
-
-
-def cell_nodes(map_graph: MapGraph, channel_map: ChannelMap, cell: tuple[int, int, int]) -> list[int]:
-    """Numbers of the four corner nodes of a cell that `locate` found."""
-    b, i, j = cell
-    if b < channel_map.channels:
-        return [int(node) for node in map_graph.node[b][i : i + 2, j : j + 2].ravel()]
-    return [int(node) for node in map_graph.node[b][channel_map.bays[b - channel_map.channels].quads[i], 0]]
-
-
-def locate(channel_map: ChannelMap, point: Array, tolerance_m: float = 1e-9) -> list[tuple[int, int, int]]:
-    """Cells that hold a point (2,), more than one on shared edges: (channel, i, j), or (channels + bay, quad, 0)."""
-    found = []
-    for d, (xy, gridded) in enumerate(zip(channel_map.xy_m, channel_map.gridded, strict=True)):
-        corners = np.stack([xy[:-1, :-1], xy[1:, :-1], xy[1:, 1:], xy[:-1, 1:]], axis=2)
-        inside = _holds(corners, point, tolerance_m) & gridded[:, None]
-        found += [(d, int(i), int(j)) for i, j in np.argwhere(inside)]
+def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
+    """Corner nodes (C, 4) and places (C, 3) of all cells, channels first."""
+    quads, places = [np.empty((0, 4), dtype=np.int64)], [np.empty((0, 3), dtype=np.int64)]
+    for d, gridded in enumerate(channel_map.gridded):
+        number = numbers[d]
+        corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=2)
+        quads.append(corners[gridded].reshape(-1, 4))
+        columns, rows = np.flatnonzero(gridded), np.arange(number.shape[1] - 1)
+        places.append(
+            np.column_stack([np.full(len(quads[-1]), d), np.repeat(columns, len(rows)), np.tile(rows, len(columns))])
+        )
     for b, bay in enumerate(channel_map.bays, start=channel_map.channels):
-        found += [(b, int(q), 0) for q in np.flatnonzero(_holds(bay.corners_m(), point, tolerance_m))]
-    return found
+        quads.append(numbers[b][bay.quads, 0])
+        number = np.arange(len(bay.quads))
+        places.append(np.column_stack([np.full_like(number, b), number, np.zeros_like(number)]))
+    return np.concatenate(quads), np.concatenate(places)
 
 
-def _holds(corners: Array, point: Array, tolerance_m: float) -> NDArray[np.bool_]:
-    """Which convex quads (..., 4, 2) hold a point."""
-    side = np.roll(corners, -1, axis=-2) - corners
-    to_point = point - corners
-    left_of = side[..., 0] * to_point[..., 1] - side[..., 1] * to_point[..., 0]
-    return np.asarray((left_of >= -tolerance_m * np.hypot(side[..., 0], side[..., 1])).all(axis=-1))
+def links(map_graph: MapGraph, point: Array) -> Links:
+    """Links from a point (2,) to the corners of every cell that holds it; empty when it lies on no cell."""
+    nodes = np.unique(map_graph.quads[map_graph.cells.holding(point)])
+    lengths = np.hypot(*(map_graph.graph.xy_m[nodes] - point).T)
+    return list(zip(nodes.tolist(), lengths.tolist(), strict=True))
+
+
+def distances(map_graph: MapGraph, start: Array, goals: Array) -> Array:
+    """Lengths (G,) of the shortest routes on the map from one point (2,) to many (G, 2), in one search.
+
+    Infinite where there is no route; where start and goal share a cell, the straight line.
+    """
+    found = distances_to(map_graph.graph, links(map_graph, start), [links(map_graph, goal) for goal in goals])
+    here = set(map_graph.cells.holding(start).tolist())
+    shared = np.array([not here.isdisjoint(map_graph.cells.holding(goal).tolist()) for goal in goals], dtype=bool)
+    return np.where(shared, np.hypot(*(goals - start).T), found)
+
+
+def locate(map_graph: MapGraph, point: Array, tolerance_m: float = 1e-9) -> list[Place]:
+    """Cells that hold a point (2,), more than one on shared edges: (channel, i, j), or (channels + bay, quad, 0)."""
+    cells = map_graph.cells.holding(point, tolerance_m)
+    return [(int(b), int(i), int(j)) for b, i, j in map_graph.cell_place[cells]]

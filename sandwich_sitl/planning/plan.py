@@ -1,10 +1,9 @@
 """`plan_flight`: world and configuration in, `FlightPlan` out (paper, sections III and IV).
 
-grow -> channel map -> A* route -> time law -> reference and corridor, with the two baselines beside it
+grow -> channel map -> A* route, pulled tight -> time law -> reference and corridor, with the two baselines beside it
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -17,15 +16,16 @@ from sandwich_sitl.channels.check import check_map
 from sandwich_sitl.channels.flow import flow_along
 from sandwich_sitl.channels.map_file import map_key
 from sandwich_sitl.config import RunConfig
-from sandwich_sitl.errors import InputError, NoRouteError
-from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_points
-from sandwich_sitl.planning.corridor import mended_corridor, neighbouring_quadrangle, paper_corridor
-from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
+from sandwich_sitl.errors import InputError, MapError
+from sandwich_sitl.planning.baselines import grid_astar
+from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, FlightPlan, Reference
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
-from sandwich_sitl.planning.search import Graph, astar
-from sandwich_sitl.planning.smoothing import smooth_route
-from sandwich_sitl.planning.time_law import climb, rest_to_rest
+from sandwich_sitl.planning.map_graph import build_map_graph
+from sandwich_sitl.planning.nav_mesh import build_nav_mesh
+from sandwich_sitl.planning.proof import prove_corridor
+from sandwich_sitl.planning.reference import ground_of, paper_reference, timed_reference
+from sandwich_sitl.planning.routes import find_route, shortened
+from sandwich_sitl.planning.shortest import shortest_path
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.world import World
 
@@ -33,18 +33,6 @@ Array = NDArray[np.float64]
 
 _DETAIL = 0.15  # of a cell and of the margin: outline details below this are smoothed outwards
 _MOST_NODES = 2_000_000
-_KEPT_MARGIN = 0.6  # of the margin: what smoothing leaves between the reference and the radius-grown obstacles
-_HAIR_M = 1e-6
-_CLIMB_MPS = 1.5
-_HALF_WIDTH_CELLS = 3.0  # how far a region may reach from its stretch of reference
-
-
-@dataclass(frozen=True)
-class Route:
-    """A* path on the mapped grid: points (n, 2) with start and goal, and the grid places (n - 2, 3) between them."""
-
-    points_m: Array
-    places: NDArray[np.int64]
 
 
 class Maps(Protocol):
@@ -76,18 +64,20 @@ def plan_flight(
     on_stage("route")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
     map_graph = build_map_graph(channel_map)
-    route = find_route(channel_map, map_graph, start, goal)
+    sandwich = find_route(channel_map, map_graph, start, goal)
+    mesh = build_nav_mesh(grown)
+    kind = "sandwich" if config.mode == "paper" else planner.route
+    route = sandwich if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind, planner.cell_m)
     on_stage("baselines")
     free = FreeSpace(grown.rings_m(), grown.bounds_m)
     regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
-    exact = exact_shortest_path(free, grown.rings_m(), start, goal)
+    exact = shortest_path(mesh, start, goal, route.points_m)
     on_stage("reference and corridor")
-    solid = grow(world, planner.vehicle_radius_m, detail)
-    reference, corridor = (
-        _paper_reference(config, channel_map, route)
-        if config.mode == "paper"
-        else _timed_reference(config, channel_map, route, list(solid.polygons))
-    )
+    reference, corridor, flight = _reference(config, channel_map, route.points_m, world)
+    obstacles_m = tuple(_ring(o.polygon) for o in world.obstacles)
+    proof = prove_corridor(reference, corridor, obstacles_m, planner.vehicle_radius_m, config.mpc.step_s)
+    if config.mode == "timed" and not proof.proven:
+        raise MapError(f"corridor: {proof.problem}; this plan must not be flown")
     return FlightPlan(
         name=config.name,
         bounds_m=world.bounds_m,
@@ -96,21 +86,36 @@ def plan_flight(
         altitude_m=config.altitude_m,
         vehicle_radius_m=planner.vehicle_radius_m,
         obstacle_names=tuple(o.name for o in world.obstacles),
-        obstacles_m=tuple(
-            shapely.get_coordinates(shapely.orient_polygons(o.polygon).exterior)[:-1] for o in world.obstacles
-        ),
+        obstacles_m=obstacles_m,
         obstacle_heights_m=np.array(
             [np.nan if o.height_m is None else o.height_m for o in world.obstacles], dtype=float
         ),
         grown_m=grown.rings_m(),
         channel_map=channel_map,
-        sandwich_m=route.points_m,
-        sandwich_phi_psi=_planning_space(channel_map, route.places),
+        sandwich_m=sandwich.points_m,
+        sandwich_phi_psi=_planning_space(channel_map, sandwich.places),
         grid_astar_m=np.empty((0, 2)) if regular is None else regular,
-        exact_m=np.empty((0, 2)) if exact is None else exact,
+        exact_m=np.empty((0, 2)) if exact is None else exact.points_m,
         reference=reference,
         corridor=corridor,
+        route_kind=kind,
+        route_proven=route.proven,
+        tight_m=np.empty((0, 2)) if kind == "sandwich" else route.points_m,
+        proof=proof,
+        flight=flight,
     )
+
+
+def _reference(
+    config: RunConfig, channel_map: ChannelMap, route_m: Array, world: World
+) -> tuple[Reference, Corridor, FlightFigures | None]:
+    if config.mode == "paper":
+        return *paper_reference(config, channel_map, route_m), None
+    return timed_reference(config, ground_of(config, channel_map, [o.polygon for o in world.obstacles]), route_m)
+
+
+def _ring(polygon: shapely.Polygon) -> Array:
+    return np.asarray(shapely.get_coordinates(shapely.orient_polygons(polygon).exterior)[:-1])
 
 
 def _checked_map(config: RunConfig, grown: GrownWorld, maps: Maps | None) -> ChannelMap:
@@ -137,30 +142,6 @@ def _kept_map(config: RunConfig, grown: GrownWorld, flow: Flow, maps: Maps | Non
     if maps is not None:
         maps.put(key, channel_map)
     return channel_map
-
-
-def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array) -> Route:
-    """A* from start to goal (2,), anywhere in mapped ground.
-
-    Raises `InputError` when an end lies in ground the map has lost, `NoRouteError` naming the barrier when they are
-    not connected.
-    """
-    start_links, goal_links = links(map_graph, channel_map, start), links(map_graph, channel_map, goal)
-    for key, point, found in (("start_m", start, start_links), ("goal_m", goal, goal_links)):
-        if not found:
-            raise InputError(
-                f"{key}: ({point[0]:g}, {point[1]:g}) lies in {_lost_ground(channel_map, point)}; move it out"
-            )
-    graph = map_graph.graph
-    path = astar(graph, start_links, goal, goal_links)
-    if path is None:
-        reached = graph.reachable([node for node, _ in start_links])
-        barrier = _barrier_between(graph, reached, channel_map.grown)
-        raise NoRouteError(
-            f"no route from start_m to goal_m: {barrier} is in the way; "
-            "move start_m or goal_m, or reduce planner.margin_m"
-        )
-    return Route(path_points(graph, path, start, goal), map_graph.place[path.nodes])
 
 
 def check_size(config: RunConfig, world: World) -> None:
@@ -190,103 +171,8 @@ def check_ends(config: RunConfig, grown: GrownWorld) -> None:
             )
 
 
-def _lost_ground(channel_map: ChannelMap, point: Array) -> str:
-    """Name of the ground left out of the map that holds a point."""
-    for lost in channel_map.lost:
-        if shapely.Polygon(lost.ring_m).buffer(_HAIR_M).contains(shapely.Point(point)):
-            return f"{lost.name}, a sliver that the map leaves out"
-    return "a sliver that the map leaves out"
-
-
-def _barrier_between(graph: Graph, reached: NDArray[np.bool_], grown: GrownWorld) -> str:
-    """Name of the obstacle nearest to both reached and unreached ground."""
-    there = ~np.isnan(graph.xy_m[:, 0])
-    sides = [shapely.MultiPoint(graph.xy_m[there & part]) for part in (reached, ~reached)]
-    if not grown.polygons:
-        return "the border of the world"
-    apart = [max(polygon.distance(side) for side in sides) for polygon in grown.polygons]
-    return f"obstacle '{grown.names[int(np.argmin(apart))]}'"
-
-
 def _planning_space(channel_map: ChannelMap, places: NDArray[np.int64]) -> Array:
     """(phi, psi) of places (n, 3); nan in bays, which lie beside the planning space's rectangles."""
     rows = [channel_map.psi_rows(d) for d in range(channel_map.channels)]
     inside = [(channel_map.phi[i], rows[d][j]) if d < len(rows) else (np.nan, np.nan) for d, i, j in places]
     return np.array(inside, dtype=float).reshape(-1, 2)
-
-
-def _timed_reference(
-    config: RunConfig, channel_map: ChannelMap, route: Route, solid: list[shapely.Polygon]
-) -> tuple[Reference, Corridor]:
-    """Climb over the start, then the smoothed route under the configured limits; one mended region a route node."""
-    planner, dt = config.planner, 1.0 / config.mpc.rate_hz
-    kept = _KEPT_MARGIN * planner.margin_m
-    curve = smooth_route(route.points_m, shapely.union_all(solid), channel_map.bounds_m, planner.cell_m / 2, kept)
-    timed = rest_to_rest(curve, planner.speed_mps, planner.acceleration_mps2)
-    along = np.arange(0.0, timed.t_s[-1] + dt, dt)
-    up = climb(config.altitude_m, _CLIMB_MPS, planner.acceleration_mps2, dt)
-    xy = np.concatenate([np.tile(timed.xy_m[0], (len(up), 1)), timed.at(along)])
-    z = np.concatenate([up, np.full(len(along), config.altitude_m)])
-    places = _places(channel_map, route)
-    centres = np.array([_node_m(channel_map, place) for place in places])
-    region = _in_turn(xy, centres)
-    used, region = np.unique(region, return_inverse=True)
-    stretches = [
-        xy[max(0, int(at[0]) - 1) : int(at[-1]) + 2] for at in (np.flatnonzero(region == m) for m in range(len(used)))
-    ]
-    quadrangles = np.array([neighbouring_quadrangle(channel_map, places[m]) for m in used])
-    corridor = mended_corridor(quadrangles, stretches, solid, kept, _HALF_WIDTH_CELLS * planner.cell_m)
-    return Reference(
-        np.arange(len(xy), dtype=np.float64) * dt, np.column_stack([xy, z]), region.astype(np.int64)
-    ), corridor
-
-
-def _paper_reference(config: RunConfig, channel_map: ChannelMap, route: Route) -> tuple[Reference, Corridor]:
-    """One route node a step of `mpc.step_s`, the paper's raw quadrangles (notes N12)."""
-    step, dt = config.mpc.step_s, 1.0 / config.mpc.rate_hz
-    up = climb(config.altitude_m, _CLIMB_MPS, config.planner.acceleration_mps2, dt)
-    nodes_t = np.arange(len(route.points_m)) * step
-    along = np.arange(0.0, nodes_t[-1] + dt, dt)
-    xy = np.column_stack([np.interp(along, nodes_t, route.points_m[:, axis]) for axis in range(2)])
-    places = _places(channel_map, route)
-    quadrangles = np.array([neighbouring_quadrangle(channel_map, place) for place in places])
-    node = np.clip(np.rint(along / step).astype(np.int64), 0, len(places) - 1)
-    xyz = np.concatenate(
-        [
-            np.column_stack([np.tile(route.points_m[0], (len(up), 1)), up]),
-            np.column_stack([xy, np.full(len(xy), config.altitude_m)]),
-        ]
-    )
-    region = np.concatenate([np.zeros(len(up), dtype=np.int64), node])
-    return Reference(np.arange(len(xyz), dtype=np.float64) * dt, xyz, region), paper_corridor(quadrangles)
-
-
-def _places(channel_map: ChannelMap, route: Route) -> list[tuple[int, int, int]]:
-    """Grid places (d, i, j) of the route's points; start and goal take the nearest corner of their cell."""
-    ends = []
-    for point in (route.points_m[0], route.points_m[-1]):
-        b, i, j = locate(channel_map, point)[0]
-        if b < channel_map.channels:
-            corners = [(b, i + k, j + m) for k in (0, 1) for m in (0, 1)]
-        else:
-            corners = [(b, int(node), 0) for node in channel_map.bays[b - channel_map.channels].quads[i]]
-        ends.append(min(corners, key=lambda c: float(np.hypot(*(_node_m(channel_map, c) - point)))))
-    return [ends[0], *((int(d), int(i), int(j)) for d, i, j in route.places), ends[1]]
-
-
-def _node_m(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
-    """Position (2,) of the node at a place of the map's graph."""
-    b, i, j = place
-    if b < channel_map.channels:
-        return np.asarray(channel_map.xy_m[b][i, j])
-    return np.asarray(channel_map.bays[b - channel_map.channels].xy_m[i])
-
-
-def _in_turn(points: Array, centres: Array) -> NDArray[np.int64]:
-    """Index (n,) of the centre each point belongs to: the nearest in a window ahead of the last, never going back."""
-    index, found = 0, np.empty(len(points), dtype=np.int64)
-    for k, point in enumerate(points):
-        window = centres[index : index + 6]
-        index += int(np.argmin(np.hypot(*(window - point).T)))
-        found[k] = index
-    return found

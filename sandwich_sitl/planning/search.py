@@ -2,16 +2,28 @@
 
 Cost of an edge is its length in motion space (the paper's geodesic nodal distance), the heuristic the straight line
 to the goal: admissible and consistent, so the path is a shortest one of the graph.
+
+The queue is a ring of buckets, a small part of an edge wide. Inside a bucket order does not matter: a node whose cost
+falls is taken up again, and the search ends with the first bucket that can hold nothing better than the goal's cost,
+so the result is as exact as with a sorted queue (Dial 1969; Denardo and Fox 1979).
+
+State: `xy_m` (N, 2), rows of neighbours in compressed form, lengths in metres.
 """
 
-import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Links = list[tuple[int, float]]  # (node, length)
+
+_BUCKETS_PER_EDGE = 8  # of mean length
+_MOST_BUCKETS = 200_000
 
 
 @dataclass(frozen=True)
@@ -19,34 +31,46 @@ class Graph:
     """Nodes `xy_m` (N, 2) and, in compressed rows, the neighbours of each with the edge lengths."""
 
     xy_m: Array
-    first: NDArray[np.int64]
-    neighbour: NDArray[np.int64]
+    first: Ints
+    neighbour: NDArray[np.int32]
     length_m: Array
 
     @classmethod
-    def from_edges(cls, xy: Array, edges: NDArray[np.int64]) -> "Graph":
+    def from_edges(cls, xy: Array, edges: Ints) -> "Graph":
         """Undirected graph from edges (E, 2); doubled edges are kept once."""
-        edges = np.unique(np.sort(edges, axis=1), axis=0)
-        both = np.concatenate([edges, edges[:, ::-1]])
-        both = both[np.lexsort((both[:, 1], both[:, 0]))]
-        first = np.searchsorted(both[:, 0], np.arange(len(xy) + 1))
-        length = np.hypot(*(xy[both[:, 0]] - xy[both[:, 1]]).T)
-        return cls(xy, first.astype(np.int64), both[:, 1].astype(np.int64), length)
+        n = max(len(xy), 1)
+        key = np.unique(edges.min(axis=1) * n + edges.max(axis=1))
+        low, high = key // n, key % n
+        both = np.sort(np.concatenate([key, high * n + low]))
+        first = np.searchsorted(both, np.arange(len(xy) + 1) * n)
+        a, b = both // n, both % n
+        return cls(xy, first.astype(np.int64), b.astype(np.int32), np.hypot(*(xy[a] - xy[b]).T))
+
+    @classmethod
+    def from_quads(cls, xy: Array, quads: Ints) -> "Graph":
+        """The graph whose edges are the sides and diagonals of quads (Q, 4)."""
+        first, neighbour, length = _quad_rows(np.ascontiguousarray(xy), np.ascontiguousarray(quads))
+        return cls(xy, first, neighbour, length)
+
+    @cached_property
+    def bucket_m(self) -> float:
+        """Width of a bucket of the search queue."""
+        if not len(self.length_m):
+            return 1.0
+        longest = float(self.length_m.max())
+        return max(float(self.length_m.mean()) / _BUCKETS_PER_EDGE, 2 * longest / _MOST_BUCKETS, 1e-12)
+
+    @cached_property
+    def longest_m(self) -> float:
+        """Length of the longest edge."""
+        return float(self.length_m.max()) if len(self.length_m) else 0.0
 
     def reachable(self, sources: list[int]) -> NDArray[np.bool_]:
         """Which nodes (N,) can be reached from any of the sources."""
-        seen = np.zeros(len(self.xy_m), dtype=bool)
-        seen[sources] = True
-        frontier = np.array(sources, dtype=np.int64)
-        while frontier.size:
-            spans = [self.neighbour[self.first[k] : self.first[k + 1]] for k in frontier]
-            following = np.unique(np.concatenate(spans)) if spans else np.empty(0, dtype=np.int64)
-            frontier = following[~seen[following]]
-            seen[frontier] = True
-        return seen
+        return np.asarray(_reached(self.first, self.neighbour, np.array(sources, dtype=np.int64)))
 
 
-def grid_edges(number: NDArray[np.int64]) -> NDArray[np.int64]:
+def grid_edges(number: Ints) -> Ints:
     """Edges (E, 2) between the 8-connected neighbours of a grid of node numbers (m, n)."""
     pairs = [
         (number[:-1], number[1:]),
@@ -67,45 +91,203 @@ class FoundPath:
 
 def astar(graph: Graph, start_links: Links, goal: Array, goal_links: Links) -> FoundPath | None:
     """Shortest path between two points joined to the graph by links, or None; the heuristic aims at `goal` (2,)."""
-    x, y = graph.xy_m[:, 0].tolist(), graph.xy_m[:, 1].tolist()
-    first, neighbour, length = graph.first.tolist(), graph.neighbour.tolist(), graph.length_m.tolist()
-    to_goal = dict(goal_links)
-    goal_x, goal_y = float(goal[0]), float(goal[1])
-    goal_node = len(x)
-    best: dict[int, float] = {}
-    came: dict[int, int] = {}
-    heap: list[tuple[float, int]] = []
-    for node, cost in start_links:
-        if cost < best.get(node, np.inf):
-            best[node] = cost
-            came[node] = -1
-            heapq.heappush(heap, (cost + ((x[node] - goal_x) ** 2 + (y[node] - goal_y) ** 2) ** 0.5, node))
-    closed: set[int] = set()
-    while heap:
-        _, node = heapq.heappop(heap)
-        if node in closed:
+    if not start_links or not goal_links:
+        return None
+    length, last, came, _ = _search(
+        graph.xy_m, graph.first, graph.neighbour, graph.length_m, graph.bucket_m, graph.longest_m,
+        *_columns(start_links), *_columns(goal_links), float(goal[0]), float(goal[1]), True,
+    )  # fmt: skip
+    return FoundPath(_trace(came, last).tolist(), float(length)) if last >= 0 else None
+
+
+def distances_to(graph: Graph, start_links: Links, goals: Sequence[Links]) -> Array:
+    """Lengths (G,) of the shortest paths from one point to many, each given by its links; infinite without a path."""
+    targets = np.array([node for links in goals for node, _ in links], dtype=np.int64)
+    if not start_links or not len(targets):
+        return np.full(len(goals), np.inf)
+    _, _, _, best = _search(
+        graph.xy_m, graph.first, graph.neighbour, graph.length_m, graph.bucket_m, graph.longest_m,
+        *_columns(start_links), targets, np.zeros(len(targets)), 0.0, 0.0, False,
+    )  # fmt: skip
+    return np.array([min((float(best[node]) + cost for node, cost in links), default=np.inf) for links in goals])
+
+
+def _columns(links: Links) -> tuple[Ints, Array]:
+    return np.array([node for node, _ in links], dtype=np.int64), np.array([cost for _, cost in links], dtype=float)
+
+
+@njit(cache=True, nogil=True)
+def _search(
+    xy: Array,
+    first: Ints,
+    neighbour: NDArray[np.int32],
+    length: Array,
+    width: float,
+    longest: float,
+    start_nodes: Ints,
+    start_costs: Array,
+    goal_nodes: Ints,
+    goal_costs: Array,
+    goal_x: float,
+    goal_y: float,
+    one_goal: bool,
+) -> tuple[float, int, NDArray[np.int32], Array]:
+    """Goal's cost, its node before (-1: none), the node before each and the cost of each.
+
+    With `one_goal` the goal links lead to one goal at (goal_x, goal_y). Without it there is no heuristic, and the
+    search ends when every goal node has its final cost.
+    """
+    n = len(xy)
+    best = np.full(n, np.inf)
+    came = np.full(n, -1, dtype=np.int32)
+    wanted = np.zeros(n, dtype=np.int8)
+    missing = 0
+    for node in goal_nodes:
+        missing += wanted[node] == 0
+        wanted[node] = 1
+    low, high = np.inf, 0.0
+    for k in range(len(start_nodes)):
+        node = start_nodes[k]
+        ahead = np.hypot(xy[node, 0] - goal_x, xy[node, 1] - goal_y) if one_goal else 0.0
+        low, high = min(low, start_costs[k] + ahead), max(high, start_costs[k] + ahead)
+    ring = int((2.0 * longest + high - low) / width) + 4
+    head = np.full(ring, -1, dtype=np.int32)
+    entry_node = np.empty(1024, dtype=np.int32)
+    entry_next = np.empty(1024, dtype=np.int32)
+    entry_cost = np.empty(1024)
+    used, spare, waiting = 0, -1, 0
+    goal_cost, goal_from = np.inf, -1
+    bucket = 0
+    for k in range(len(start_nodes)):
+        node = start_nodes[k]
+        if start_costs[k] >= best[node]:
             continue
-        closed.add(node)
-        if node == goal_node:
-            return FoundPath(_trace(came, came[goal_node]), best[goal_node])
-        cost = best[node]
-        if node in to_goal and cost + to_goal[node] < best.get(goal_node, np.inf):
-            best[goal_node] = cost + to_goal[node]
-            came[goal_node] = node
-            heapq.heappush(heap, (best[goal_node], goal_node))
+        best[node] = start_costs[k]
+        ahead = np.hypot(xy[node, 0] - goal_x, xy[node, 1] - goal_y) if one_goal else 0.0
+        slot = int((start_costs[k] + ahead - low) / width) % ring
+        entry_node[used], entry_cost[used], entry_next[used] = node, start_costs[k], head[slot]
+        head[slot] = used
+        used, waiting = used + 1, waiting + 1
+    while waiting > 0:
+        slot = bucket % ring
+        entry = head[slot]
+        if entry < 0:
+            bucket += 1
+            if low + bucket * width >= goal_cost or (missing == 0 and not one_goal):
+                break
+            continue
+        head[slot] = entry_next[entry]
+        entry_next[entry], spare = spare, entry
+        waiting -= 1
+        node, cost = entry_node[entry], entry_cost[entry]
+        if cost > best[node]:
+            continue
+        if wanted[node] > 0:
+            if one_goal:
+                for k in range(len(goal_nodes)):
+                    if goal_nodes[k] == node and cost + goal_costs[k] < goal_cost:
+                        goal_cost, goal_from = cost + goal_costs[k], node
+            elif wanted[node] == 1:
+                missing -= 1
+                wanted[node] = 2
         for k in range(first[node], first[node + 1]):
             other = neighbour[k]
             through = cost + length[k]
-            if other not in closed and through < best.get(other, np.inf):
-                best[other] = through
-                came[other] = node
-                heapq.heappush(heap, (through + ((x[other] - goal_x) ** 2 + (y[other] - goal_y) ** 2) ** 0.5, other))
-    return None
+            if through >= best[other]:
+                continue
+            best[other], came[other] = through, node
+            if one_goal:
+                d_x, d_y = xy[other, 0] - goal_x, xy[other, 1] - goal_y
+                total = through + np.sqrt(d_x * d_x + d_y * d_y)
+                if total >= goal_cost:
+                    continue
+            else:
+                total = through
+            if spare >= 0:
+                entry, spare = spare, entry_next[spare]
+            else:
+                if used == len(entry_node):
+                    entry_node = np.concatenate((entry_node, np.empty_like(entry_node)))
+                    entry_next = np.concatenate((entry_next, np.empty_like(entry_next)))
+                    entry_cost = np.concatenate((entry_cost, np.empty_like(entry_cost)))
+                entry, used = used, used + 1
+            slot = max(bucket, int((total - low) / width)) % ring
+            entry_node[entry], entry_cost[entry], entry_next[entry] = other, through, head[slot]
+            head[slot] = entry
+            waiting += 1
+    return goal_cost, goal_from, came, best
 
 
-def _trace(came: dict[int, int], node: int) -> list[int]:
-    path = []
-    while node != -1:
-        path.append(node)
+@njit(cache=True, nogil=True)
+def _trace(came: NDArray[np.int32], last: int) -> Ints:
+    """Nodes from the first to `last`."""
+    count, node = 0, last
+    while node >= 0:
+        count, node = count + 1, came[node]
+    nodes = np.empty(count, dtype=np.int64)
+    node = last
+    for k in range(count - 1, -1, -1):
+        nodes[k] = node
         node = came[node]
-    return path[::-1]
+    return nodes
+
+
+@njit(cache=True, nogil=True)
+def _reached(first: Ints, neighbour: NDArray[np.int32], sources: Ints) -> NDArray[np.bool_]:
+    seen = np.zeros(len(first) - 1, dtype=np.bool_)
+    stack = np.empty(len(seen), dtype=np.int64)
+    count = 0
+    for node in sources:
+        if not seen[node]:
+            seen[node] = True
+            stack[count] = node
+            count += 1
+    while count > 0:
+        count -= 1
+        node = stack[count]
+        for k in range(first[node], first[node + 1]):
+            other = neighbour[k]
+            if not seen[other]:
+                seen[other] = True
+                stack[count] = other
+                count += 1
+    return seen
+
+
+@njit(cache=True, nogil=True)
+def _quad_rows(xy: Array, quads: Ints) -> tuple[Ints, NDArray[np.int32], Array]:
+    """Compressed rows of the neighbours over sides and diagonals, each once."""
+    n = len(xy)
+    room = np.zeros(n + 1, dtype=np.int64)
+    for q in range(len(quads)):
+        for v in range(4):
+            room[quads[q, v] + 1] += 3
+    for node in range(n):
+        room[node + 1] += room[node]
+    row = np.empty(room[n], dtype=np.int32)
+    filled = np.zeros(n, dtype=np.int64)
+    for q in range(len(quads)):
+        for v in range(4):
+            node = quads[q, v]
+            start = room[node]
+            for step in range(1, 4):
+                other = quads[q, (v + step) % 4]
+                end = start + filled[node]
+                k = start
+                while k < end and row[k] != other:
+                    k += 1
+                if k == end:
+                    row[k] = other
+                    filled[node] += 1
+    first = np.zeros(n + 1, dtype=np.int64)
+    for node in range(n):
+        first[node + 1] = first[node] + filled[node]
+    neighbour = np.empty(first[n], dtype=np.int32)
+    length = np.empty(first[n])
+    for node in range(n):
+        for k in range(filled[node]):
+            other = row[room[node] + k]
+            neighbour[first[node] + k] = other
+            d_x, d_y = xy[node, 0] - xy[other, 0], xy[node, 1] - xy[other, 1]
+            length[first[node] + k] = np.sqrt(d_x * d_x + d_y * d_y)
+    return first, neighbour, length

@@ -1,66 +1,190 @@
-"""A flyable curve near the A* route: it stays inside a tube of proven clearance and bends as little as it can.
+"""A flyable curve near a tight route: it swings wide before a corner where there is room and keeps its clearance.
 
-The route is resampled; each sample p_k may move inside the box |q_k - p_k| <= delta_k with delta_k = (c_k - c_min) /
-sqrt(2), where c_k is its distance to the obstacles grown by the vehicle's radius. So every q_k keeps at least c_min.
-Among those a QP takes the points of least sum of squared first, second and third differences: short, straight,
-smooth.
+A route of straight legs touches corners of the grown obstacles. The curve is a quintic B-spline c(u), C^4, with u in
+metres along the route, of least  int |c'|^2 + w int (B^2 |c''|^2 + B^4 |c'''|^2) du  (B a bending length), subject to
+c(u_k) lying in a convex region free of obstacles round the route's point at u_k (`inflation`). The regions are then
+grown again round the curve, and the curve solved again: every round starts from a curve that the new regions hold.
+Bending less costs length: w is lowered until the length is within `_LONGEST` of the route's.
 """
 
-import numpy as np
-import osqp
-import scipy.sparse as sp
-import shapely
-from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
-from shapely.geometry.base import BaseGeometry
+from dataclasses import dataclass
+from typing import Any
 
-from sandwich_sitl.channels.boundary import along_arc
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.sparse import csr_array, diags_array
+
 from sandwich_sitl.errors import MapError
+from sandwich_sitl.planning.banded_qp import solve
+from sandwich_sitl.planning.inflation import inflate
+from sandwich_sitl.planning.outlines import Outlines
 
 Array = NDArray[np.float64]
 
-_WIDEST_M = 2.0  # half width of the tube where there is nothing near
-_WEIGHTS = (1.0, 20.0, 100.0)  # of the first, second and third differences
+_DEGREE = 5
+_KNOTS_M = (0.6, 0.3, 0.15)  # spacing of the knots; finer when a coarse curve cannot keep its clearance
+_WEIGHTS = (1.0, 0.3, 0.1, 0.03, 0.01)
+_LONGEST = 1.004
+_ROUNDS = 2
+_REACHES_M = (2.5, 1.0, 0.4, 0.15, 0.05)  # half widths of the boxes that bound the regions, tried in turn
+_FACES = 8
+_CHECK_M = 0.05
+_BULGE = 1.05  # the samples keep this much more, for what the curve does between them
+_SLACK_M = 0.01  # by which the curve may come nearer than asked between the samples that hold it
+
+
+@dataclass(frozen=True)
+class Departure:
+    """How a curve begins that a moving vehicle has to join: c', c'', c''' (2,) at its first point."""
+
+    tangent: Array
+    second: Array
+    third: Array
 
 
 def smooth_route(
-    route: Array,
-    solid: BaseGeometry,
-    bounds: tuple[float, float, float, float],
-    spacing_m: float,
-    least_clearance_m: float,
-) -> BSpline:
-    """A C^4 curve s -> (x, y), s in metres along its control polyline, from route (n, 2).
+    route: Array, outlines: Outlines, bounds: tuple[float, float, float, float], least_clearance_m: float,
+    bending_m: float, departure: Departure | None = None,
+) -> BSpline:  # fmt: skip
+    """A C^4 curve u -> (x, y), u in metres along `route` (n, 2), that keeps `least_clearance_m` from `outlines`.
 
-    `solid` are the obstacles grown by the vehicle's radius.
-    Raises `MapError` when the route itself is nearer to `solid` than `least_clearance_m`.
+    Raises `MapError` when the route itself does not.
     """
-    length = float(shapely.length(shapely.linestrings(route)))
-    points = along_arc(route, max(12, int(np.ceil(length / spacing_m)) + 1))
-    clearance = shapely.distance(shapely.points(points), solid) if not solid.is_empty else np.full(len(points), np.inf)
-    if (clearance < least_clearance_m).any():
-        raise MapError(f"route: passes {clearance.min():.3f} m from an obstacle grown by the vehicle's radius")
-    half_width = np.minimum((clearance - least_clearance_m) / np.sqrt(2), _WIDEST_M)
-    half_width[[0, 1, -2, -1]] = 0.0
-    low, high = points - half_width[:, None], points + half_width[:, None]
-    low, high = np.maximum(low, bounds[:2]), np.minimum(high, bounds[2:])
-    smooth = np.column_stack([_smoothest(low[:, axis], high[:, axis]) for axis in range(2)])
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(smooth, axis=0).T))])
-    return make_interp_spline(arc, smooth, k=5)
+    length = float(np.hypot(*np.diff(route, axis=0).T).sum())
+    if not outlines.keeps(route, least_clearance_m):
+        nearest = outlines.distance_m(route)
+        raise MapError(f"route: passes {nearest:.3f} m from an obstacle grown by the vehicle's radius")
+    for knots_m in _KNOTS_M:
+        spline = _Spline(length, knots_m)
+        shortest: BSpline | None = None
+        for weight in _WEIGHTS:
+            energy = spline.energy((1.0, weight * bending_m**2, weight * bending_m**4))
+            curve = _curve(spline, energy, route, outlines, bounds, least_clearance_m, departure)
+            if curve is None:
+                continue
+            shortest = curve
+            if _curve_length(curve) <= _LONGEST * length:
+                return curve
+        if shortest is not None:
+            return shortest
+    raise MapError("route: no smooth curve keeps its clearance along it")
 
 
-def _smoothest(low: Array, high: Array) -> Array:
-    n = len(low)
-    P = sp.csc_matrix((n, n))
-    for order, weight in enumerate(_WEIGHTS, start=1):
-        difference = sp.csc_matrix(np.diff(np.eye(n), n=order, axis=0))
-        P = P + weight * difference.T @ difference
-    solver = osqp.OSQP()
-    solver.setup(
-        sp.csc_matrix(sp.triu(P)), np.zeros(n), sp.eye(n, format="csc"), low, high,
-        verbose=False, eps_abs=1e-5, eps_rel=1e-6, max_iter=20000, polishing=False,
-    )  # fmt: skip
-    solution = np.asarray(solver.solve(raise_error=False).x, dtype=float)
-    if not np.isfinite(solution).all():
-        raise MapError("route: smoothing found no curve inside its tube")
-    return np.asarray(np.clip(solution, low, high))
+def _count(length: float, spacing: float) -> int:
+    return max(2, int(np.ceil(length / spacing)) + 1)
+
+
+def _curve_length(curve: BSpline) -> float:
+    points = curve(np.linspace(curve.t[0], curve.t[-1], _count(float(curve.t[-1]), _CHECK_M)))
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+class _Spline:
+    """Clamped quintic splines over [0, length] on knots at most `knots_m` apart."""
+
+    def __init__(self, length: float, knots_m: float) -> None:
+        spans = max(_DEGREE + 1, _count(length, knots_m) - 1)
+        self.knots = np.concatenate([np.zeros(_DEGREE), np.linspace(0.0, length, spans + 1), np.full(_DEGREE, length)])
+        self.size = spans + _DEGREE
+        self.places = np.array([self.knots[i + 1 : i + _DEGREE + 1].mean() for i in range(self.size)])
+        self.u = np.linspace(0.0, length, 2 * spans + 1)
+        design = BSpline.design_matrix(self.u, self.knots, _DEGREE)
+        self.basis = np.ascontiguousarray(design.data.reshape(len(self.u), -1))
+        self.first = np.ascontiguousarray(design.indices.reshape(len(self.u), -1)[:, 0].astype(np.int64))
+        self._energies = _energies(self.knots, self.size)
+
+    def energy(self, weights: tuple[float, float, float]) -> Array:
+        """Diagonals (degree + 1, n) of the matrix of  sum_nu w_nu int |c^(nu)|^2 du."""
+        return np.asarray(sum(w * H for w, H in zip(weights, self._energies, strict=True)))
+
+
+def _curve(
+    spline: _Spline, energy: Array, route: Array, outlines: Outlines, bounds: tuple[float, float, float, float],
+    kept_m: float, departure: Departure | None,
+) -> BSpline | None:  # fmt: skip
+    """The curve of least energy, or None when none was found that keeps its clearance."""
+    control = along(route, spline.places)
+    free = np.ones(spline.size, dtype=np.bool_)
+    free[[0, -1]] = False
+    if departure is not None:
+        control[:4], free[:4] = _first_points(spline.knots, route[0], departure), False
+    held = slice(1, -1)
+    around = along(route, spline.u)
+    curve = None
+    for _ in range(_ROUNDS):
+        found = _regions(around[held], outlines, bounds, _BULGE * kept_m)
+        if found is None:
+            return curve
+        rows, sample = found
+        solution, worst = solve(energy, control, free, spline.first[held], spline.basis[held], rows, sample)
+        next_curve = BSpline(spline.knots, solution, _DEGREE)
+        if not np.isfinite(solution).all() or worst > _SLACK_M or not _clear(next_curve, outlines, kept_m):
+            return curve
+        curve, control = next_curve, solution
+        around = np.asarray(curve(spline.u))
+    return curve
+
+
+def along(route: Array, u: Array) -> Array:
+    """Points (m, 2) at arc lengths `u` (m,) of a polyline (n, 2)."""
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    return np.column_stack([np.interp(u, arc, route[:, axis]) for axis in range(2)])
+
+
+def _clear(curve: BSpline, outlines: Outlines, kept_m: float) -> bool:
+    points = curve(np.linspace(curve.t[0], curve.t[-1], _count(float(curve.t[-1]), _CHECK_M)))
+    return outlines.keeps(points, kept_m - min(_SLACK_M, 0.2 * kept_m))
+
+
+def _regions(
+    points: Array, outlines: Outlines, bounds: tuple[float, float, float, float], kept_m: float
+) -> tuple[Array, NDArray[np.int64]] | None:
+    """Half-planes (r, 3) of a free region round each point and the point (r,) each belongs to."""
+    wide = np.hstack([points - _REACHES_M[0] - kept_m, points + _REACHES_M[0] + kept_m])
+    rows, sample = [], []
+    for k, (point, edges) in enumerate(zip(points, outlines.near(wide), strict=True)):
+        for reach in _REACHES_M:
+            box = np.array([
+                max(point[0] - reach, min(bounds[0], point[0])), max(point[1] - reach, min(bounds[1], point[1])),
+                min(point[0] + reach, max(bounds[2], point[0])), min(point[1] + reach, max(bounds[3], point[1])),
+            ])  # fmt: skip
+            planes, _ = inflate(point[None], edges, box, kept_m, _FACES)
+            if len(planes):
+                rows.append(planes)
+                sample.append(np.full(len(planes), k))
+                break
+        else:
+            return None
+    return np.concatenate(rows), np.concatenate(sample).astype(np.int64)
+
+
+def _energies(knots: Array, n: int) -> list[Array]:
+    """Diagonals (degree + 1, n) of the matrices of  int |c^(nu)|^2 du,  nu = 1, 2, 3, by exact Gauss quadrature."""
+    nodes, gauss = np.polynomial.legendre.leggauss(_DEGREE)
+    breaks = np.unique(knots)
+    half = np.diff(breaks) / 2
+    u = (breaks[:-1, None] + half[:, None] * (1 + nodes)).ravel()
+    weight = diags_array((half[:, None] * gauss).ravel())
+    to_control: Any = csr_array(np.eye(n))
+    inner, found = knots, []
+    for degree in range(_DEGREE - 1, _DEGREE - 4, -1):
+        size = to_control.shape[0]
+        at = np.arange(size - 1)
+        rise = (degree + 1) / (inner[degree + 2 : degree + 1 + size] - inner[1:size])
+        difference = csr_array((np.column_stack([-rise, rise]).ravel(), np.column_stack([at, at + 1]).ravel(),
+                                2 * np.arange(size)), shape=(size - 1, size))  # fmt: skip
+        to_control = difference @ to_control
+        inner = inner[1:-1]
+        values = BSpline.design_matrix(u, inner, degree) @ to_control
+        H = (values.T @ (weight @ values)).todia()
+        found.append(np.array([np.pad(H.diagonal(d), (0, d)) for d in range(_DEGREE + 1)]))
+    return found
+
+
+def _first_points(knots: Array, start: Array, departure: Departure) -> Array:
+    """The first four control points (4, 2) of a clamped spline with the given value and first three derivatives."""
+    basis = BSpline(knots[: 2 * (_DEGREE + 1)], np.eye(_DEGREE + 1), _DEGREE)
+    rows = np.array([basis.derivative(order)(0.0)[:4] if order else basis(0.0)[:4] for order in range(4)])
+    wanted = np.array([start, departure.tangent, departure.second, departure.third])
+    return np.asarray(np.linalg.solve(rows, wanted))

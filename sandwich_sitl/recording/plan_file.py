@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
+from sandwich_sitl.planning.flight_plan import Corridor, CorridorProof, FlightFigures, FlightPlan, Reference
 
-FORMAT = "sandwich-plan-2"
+FORMAT = "sandwich-plan-3"
 _DATE = (1980, 1, 1, 0, 0, 0)
 _PLAN_ARRAYS = ("obstacle_heights_m", "sandwich_m", "sandwich_phi_psi", "grid_astar_m", "exact_m")
 
@@ -31,6 +31,7 @@ def plan_bytes(plan: FlightPlan) -> bytes:
     header = json.dumps(_header(plan) | {"map": map_header})
     arrays: dict[str, NDArray[Any]] = {"header": np.frombuffer(header.encode(), dtype=np.uint8)}
     arrays |= {name: getattr(plan, name) for name in _PLAN_ARRAYS}
+    arrays["tight_m"] = plan.tight_m
     arrays |= {f"map_{name}": array for name, array in map_arrays.items()}
     arrays |= {f"reference_{f.name}": getattr(plan.reference, f.name) for f in dataclasses.fields(Reference)}
     arrays |= {f"corridor_{name}": getattr(plan.corridor, name) for name in ("Lambda", "Gamma", "neighbours_m")}
@@ -82,6 +83,10 @@ def _header(plan: FlightPlan) -> dict[str, Any]:
         "altitude_m": plan.altitude_m,
         "vehicle_radius_m": plan.vehicle_radius_m,
         "obstacle_names": plan.obstacle_names,
+        "route_kind": plan.route_kind,
+        "route_proven": plan.route_proven,
+        "proof": plan.proof and dataclasses.asdict(plan.proof),
+        "flight": plan.flight and dataclasses.asdict(plan.flight),
     }
 
 
@@ -112,7 +117,12 @@ def _plan(arrays: dict[str, NDArray[Any]]) -> FlightPlan:
             polygons_m=_split(arrays, "corridor_polygons"),
             neighbours_m=arrays["corridor_neighbours_m"],
         ),
+        proof=CorridorProof(**header["proof"]) if header["proof"] else None,
+        flight=FlightFigures(**header["flight"]) if header["flight"] else None,
         seconds={},
+        route_kind=header.get("route_kind", "sandwich"),
+        route_proven=bool(header.get("route_proven", False)),
+        tight_m=arrays.get("tight_m", np.empty((0, 2))),
         **{name: arrays[name] for name in _PLAN_ARRAYS},
     )
 

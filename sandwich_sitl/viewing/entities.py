@@ -127,6 +127,7 @@ def log_plan(log: EntityLog, plan: FlightPlan) -> None:
     for name, xy, colour in (
         ("grid_astar", plan.grid_astar_m, ORANGE),
         ("exact", plan.exact_m, GREEN),
+        ("tight", plan.tight_m, VIOLET),
         ("sandwich", plan.sandwich_m, BLUE),
     ):
         _lines(log, f"route/{name}", [xy], colour, 1.5, z_m=plan.altitude_m)

@@ -35,6 +35,7 @@ _BARRED = "#f4c400"
 _BAY = "#3a7d44"
 _SANDWICH = "#0b6fd6"
 _GRID_ASTAR = "#e07b00"
+_TIGHT = "#8e44ad"
 _EXACT = "#1d9a52"
 
 
@@ -104,9 +105,12 @@ def _draw_routes(axes: Axes, plan: FlightPlan) -> None:
     routes = (
         (plan.grid_astar_m, _GRID_ASTAR, "-", 1.6, f"grid A*  {lengths['grid_astar_m']:.2f} m"),
         (plan.sandwich_m, _SANDWICH, "-", 2.4, f"Sandwich  {path_length(plan.sandwich_m):.2f} m{shorter}"),
+        (plan.tight_m, _TIGHT, "-", 2.0, f"tight  {path_length(plan.tight_m):.2f} m"),
         (plan.exact_m, _EXACT, (0, (4, 2)), 1.6, f"exact shortest  {lengths['exact_m']:.2f} m"),
     )
     for xy, colour, style, width, label in routes:
+        if not len(xy):
+            continue
         axes.plot(*xy.T, color=colour, linestyle=style, linewidth=width, label=label, zorder=4, solid_joinstyle="round")
     for point, marker, label in ((plan.start_m, "o", "start"), (plan.goal_m, "*", "goal")):
         size = 8 if marker == "o" else 14

@@ -4,14 +4,19 @@ import itertools
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from world_samples import BOUNDS, grown_world, random_shapes
 
 from sandwich_sitl.channels.boundary import along_arc, columns_needed, integer_columns, spread_nodes
+from sandwich_sitl.channels.build import _barriers, _snapped
 from sandwich_sitl.channels.classify import classify
 from sandwich_sitl.channels.dividers import Piece, lay_dividers
+from sandwich_sitl.channels.stations import Stations, lay_stations
+
+CELL_M = 1.5
 
 
 def arc_at(path: np.ndarray, point: np.ndarray) -> float:
@@ -65,37 +70,70 @@ def test_integer_columns_are_nearest_to_the_wishes(seed: int) -> None:
     assert np.abs(integer_columns(wishes, least.tolist(), last)[1:-1] - best).max() <= 0.5 + 1e-4
 
 
+def laid(seed: int) -> tuple[tuple[tuple[Piece, ...], ...], Stations]:
+    """Dividing streamlines and stations of the seed's world, as the map lays them."""
+    grown = _snapped(grown_world(*random_shapes(seed)))
+    barriers, _, _ = _barriers(grown, CELL_M)
+    dividers = lay_dividers(classify(barriers, BOUNDS[1], BOUNDS[3], CELL_M), BOUNDS, CELL_M)
+    return dividers, lay_stations([shapely.Polygon(barrier.ring_m) for barrier in barriers], BOUNDS)
+
+
 @pytest.mark.parametrize("seed", [3, 8, 12, 14, 19, 22])
-def test_streamlines_keep_corners_and_share_free_nodes(seed: int) -> None:
-    dividers = lay_dividers(classify(grown_world(*random_shapes(seed))), BOUNDS, 1.5)
-    m_phi = max(60, columns_needed(dividers))
+@pytest.mark.parametrize("spare", [0, 40])
+def test_streamlines_keep_corners_and_share_free_nodes(seed: int, spare: int) -> None:
+    dividers, stations = laid(seed)
+    m_phi = columns_needed(dividers, CELL_M) + spare
     for pieces in dividers:
-        line = spread_nodes(pieces, BOUNDS[0], BOUNDS[2], m_phi)
+        line = spread_nodes(pieces, stations, m_phi, CELL_M)
         lower, upper = ({tuple(node) for node in side} for side in (line.lower, line.upper))
         for piece in pieces:
-            if piece.barrier is not None:
-                assert {tuple(corner) for corner in piece.lower} <= lower
-                assert {tuple(corner) for corner in piece.upper} <= upper
+            assert {tuple(corner) for corner in piece.lower} <= lower
+            assert {tuple(corner) for corner in piece.upper} <= upper
         np.testing.assert_array_equal(line.barrier >= 0, (line.lower != line.upper).any(axis=1))
-        steps = np.hypot(*np.diff(line.lower, axis=0).T)
-        assert (steps > 0).all()
+        for side, paths in (
+            (line.lower, [piece.lower for piece in pieces]),
+            (line.upper, [piece.upper for piece in pieces]),
+        ):
+            assert (np.hypot(*np.diff(side, axis=0).T) > 0).all()
+            whole = shapely.union_all([shapely.LineString(path) for path in paths])
+            assert shapely.distance(whole, shapely.points(side)).max() < 1e-9
+            # Nodes in order along it: the polyline through them is no longer than the streamline.
+            assert np.hypot(*np.diff(side, axis=0).T).sum() == pytest.approx(whole.length)
 
 
-def test_least_columns_give_every_corner_its_own_node() -> None:
-    dividers = lay_dividers(classify(grown_world(*random_shapes(12))), BOUNDS, 1.5)
-    m_phi = columns_needed(dividers)
-    for pieces in dividers:
-        line = spread_nodes(pieces, BOUNDS[0], BOUNDS[2], m_phi)
-        assert (np.hypot(*np.diff(line.lower, axis=0).T) > 0).all()
-        assert (np.hypot(*np.diff(line.upper, axis=0).T) > 0).all()
+def test_nodes_of_a_wall_carry_its_barrier() -> None:
+    dividers, stations = laid(12)
+    for pieces in dividers[1:-1]:
+        line = spread_nodes(pieces, stations, columns_needed(dividers, CELL_M) + 10, CELL_M)
+        walls = {piece.barrier.index: piece for piece in pieces if piece.barrier is not None}
+        assert set(line.barrier[line.barrier >= 0]) == set(walls)
+        for index, piece in walls.items():
+            at = line.barrier == index
+            for nodes, path in ((line.lower[at], piece.lower), (line.upper[at], piece.upper)):
+                assert shapely.distance(shapely.LineString(path), shapely.points(nodes)).max() < 1e-9
 
 
 def test_free_piece_keeps_its_vertices_and_is_spread_evenly_between_them() -> None:
+    """In an open world the station is x, in which a straight stretch is even."""
     path = np.array([[0.0, 0.0], [30.0, 40.0], [80.0, 40.0]])
-    line = spread_nodes((Piece(None, path, path),), 0.0, 80.0, 11)
+    line = spread_nodes((Piece(None, path, path),), lay_stations([], (0.0, 0.0, 80.0, 50.0)), 11, 8.0)
     np.testing.assert_array_equal(line.lower, line.upper)
     (bend,) = np.flatnonzero((line.lower == path[1]).all(axis=1))
     for part in (line.lower[: bend + 1], line.lower[bend:]):
         np.testing.assert_allclose(
             np.diff(part, axis=0), np.broadcast_to(part[1] - part[0], (len(part) - 1, 2)), atol=1e-12
         )
+
+
+def test_nodes_lie_closer_where_stations_rise_faster() -> None:
+    """Half of the spacing follows the station: in a throat whose station rises three times as fast, nodes are denser."""
+    stations = Stations((0.0, 0.0, 80.0, 10.0), np.repeat(np.array([0.0, 0.125, 0.875, 1.0])[:, None], 3, axis=1))
+    path = np.array([[0.0, 5.0], [80.0, 5.0]])
+    x = spread_nodes((Piece(None, path, path),), stations, 81, 1.0).lower[:, 0]
+    third = 80 / 3
+    inside = np.diff(x[(x > third + 1) & (x < 2 * third - 1)])
+    outside = np.diff(x[x < third - 1])
+    # Progress rises by (1/80 + station') / 2 a metre: station' = 0.75 / third in the throat, 0.125 / third before it.
+    ratio = (1 / 80 + 0.125 / third) / (1 / 80 + 0.75 / third)
+    np.testing.assert_allclose(inside, inside[0], rtol=1e-6)
+    assert inside[0] / outside[0] == pytest.approx(ratio, rel=0.02)

@@ -14,8 +14,9 @@ from sandwich_sitl.config import PlannerConfig, RunConfig, WorldConfig, load_con
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_length
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import build_map_graph, links, locate
-from sandwich_sitl.planning.plan import find_route, plan_flight
+from sandwich_sitl.planning.map_graph import build_map_graph, distances, links, locate
+from sandwich_sitl.planning.plan import plan_flight
+from sandwich_sitl.planning.routes import find_route
 from sandwich_sitl.planning.search import Graph, astar
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.load import load_world
@@ -70,7 +71,7 @@ def test_route_on_the_map_is_as_short_as_dijkstra(name: str) -> None:
     for start, goal in zip(points[:4], points[4:], strict=True):
         rows, columns, lengths = [], [], []
         for end, point in ((n, start), (n + 1, goal)):
-            for node, length in links(map_graph, channel_map, point):
+            for node, length in links(map_graph, point):
                 rows.append(end)
                 columns.append(node)
                 lengths.append(length)
@@ -79,7 +80,7 @@ def test_route_on_the_map_is_as_short_as_dijkstra(name: str) -> None:
             (np.r_[graph.length_m, lengths], (np.r_[a, rows], np.r_[graph.neighbour, columns])), shape=(n + 2, n + 2)
         )
         expected = dijkstra(matrix, directed=False, indices=n)[n + 1]
-        route = find_route(channel_map, map_graph, start, goal, grown.names)
+        route = find_route(channel_map, map_graph, start, goal)
         assert path_length(route.points_m) == pytest.approx(expected)
 
 
@@ -108,6 +109,47 @@ def test_route_on_the_uniform_grid_is_as_short_as_dijkstra() -> None:
     assert path_length(found) >= 0.9 * expected
 
 
+@pytest.mark.parametrize("name", ["paper", "city"])
+def test_index_finds_the_cells_that_a_look_at_every_cell_finds(name: str) -> None:
+    grown = shipped(name)
+    map_graph = build_map_graph(build_channel_map(grown, 2.0, 5))
+    corners = map_graph.graph.xy_m[map_graph.quads]
+    shapes = shapely.polygons(corners)
+    x_min, y_min, x_max, y_max = grown.bounds_m
+    inner = np.random.default_rng(4).uniform((x_min, y_min), (x_max, y_max), (200, 2))
+    for point in np.concatenate([inner, corners[::50, 0], (corners[::50, 0] + corners[::50, 1]) / 2]):
+        found = map_graph.cells.holding(point, 1e-7)
+        distance = shapely.distance(shapes, shapely.Point(point))
+        assert set(np.flatnonzero(distance < 1e-10)) <= set(found) <= set(np.flatnonzero(distance < 1e-5))
+
+
+def test_graph_of_quads_is_the_graph_of_their_sides_and_diagonals() -> None:
+    map_graph = build_map_graph(build_channel_map(shipped("city"), 3.0, 5))
+    quads, graph = map_graph.quads, map_graph.graph
+    edges = np.concatenate([quads[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))])
+    other = Graph.from_edges(graph.xy_m, edges)
+    np.testing.assert_array_equal(graph.first, other.first)
+    for a in range(len(graph.xy_m)):
+        row = slice(graph.first[a], graph.first[a + 1])
+        order = np.argsort(graph.neighbour[row])
+        np.testing.assert_array_equal(graph.neighbour[row][order], other.neighbour[row])
+        np.testing.assert_allclose(graph.length_m[row][order], other.length_m[row], rtol=1e-12)
+
+
+def test_one_search_to_many_goals_is_as_good_as_one_each() -> None:
+    grown = shipped("city")
+    map_graph = build_map_graph(build_channel_map(grown, 2.0, 5))
+    points = random_free_points(grown, 30, 11)
+    start, goals = points[0], np.concatenate([points[1:], points[:1], grown.polygons[0].centroid.coords])
+    found = distances(map_graph, start, goals)
+    for goal, length in zip(goals[:-2], found, strict=False):
+        path = astar(map_graph.graph, links(map_graph, start), goal, links(map_graph, goal))
+        assert path is not None
+        assert length == pytest.approx(path.length_m, rel=1e-12)
+    assert found[-2] == 0.0
+    assert found[-1] == np.inf
+
+
 def test_map_graph_shares_nodes_on_free_ground_and_bars_walls() -> None:
     grown = grown_world(box(20, 15, 40, 25))
     channel_map = build_channel_map(grown, 1.5, 5)
@@ -128,14 +170,15 @@ def test_map_graph_shares_nodes_on_free_ground_and_bars_walls() -> None:
 def test_every_free_point_lies_in_a_cell() -> None:
     grown = shipped("paper")
     channel_map = build_channel_map(grown, 2.0, 5)
+    map_graph = build_map_graph(channel_map)
     for point in random_free_points(grown, 50, 1):
-        cells = locate(channel_map, point)
+        cells = locate(map_graph, point)
         assert len(cells) >= 1
         for d, i, j in cells:
             xy = channel_map.xy_m[d]
             quad = Polygon([xy[i, j], xy[i + 1, j], xy[i + 1, j + 1], xy[i, j + 1]])
             assert quad.distance(shapely.Point(point)) < 1e-6
-    assert locate(channel_map, np.array(grown.polygons[0].centroid.coords[0])) == []
+    assert locate(map_graph, np.array(grown.polygons[0].centroid.coords[0])) == []
 
 
 def test_shortest_path_round_one_square_by_hand() -> None:
@@ -159,7 +202,7 @@ def test_exact_path_is_never_longer_and_no_path_enters_an_obstacle(name: str) ->
     solid = shapely.union_all([polygon.buffer(-1e-4) for polygon in grown.polygons])
     points = random_free_points(grown, 10, 7)
     for start, goal in zip(points[:5], points[5:], strict=True):
-        sandwich = find_route(channel_map, map_graph, start, goal, grown.names).points_m
+        sandwich = find_route(channel_map, map_graph, start, goal).points_m
         grid = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
         exact = exact_shortest_path(free, grown.rings_m(), start, goal)
         assert grid is not None
@@ -201,7 +244,7 @@ def test_two_walls_and_the_goal_between_them() -> None:
 
 
 def test_wall_from_bottom_to_top_is_named() -> None:
-    with pytest.raises(NoRouteError, match="'o0' reaches from the bottom to the top border"):
+    with pytest.raises(NoRouteError, match="obstacle 'o0' is in the way"):
         planned_in([box(28, -5, 32, 50)], (5, 5), (50, 30))
 
 
@@ -218,5 +261,5 @@ def test_end_outside_every_cell_of_the_map() -> None:
     grown = grown_world(box(20, 15, 40, 25))
     channel_map = build_channel_map(grown, 1.5, 5)
     map_graph = build_map_graph(channel_map)
-    with pytest.raises(InputError, match=r"goal_m: \(30, 20\) lies in a pocket"):
-        find_route(channel_map, map_graph, np.array([5.0, 5.0]), np.array([30.0, 20.0]), grown.names)
+    with pytest.raises(InputError, match=r"goal_m: \(30, 20\) lies in a sliver"):
+        find_route(channel_map, map_graph, np.array([5.0, 5.0]), np.array([30.0, 20.0]))

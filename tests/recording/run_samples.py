@@ -8,6 +8,7 @@ second.
 from pathlib import Path
 
 import numpy as np
+from shapely import Polygon
 
 from sandwich_sitl.channels.channel_map import ChannelMap, MapQuality
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
@@ -15,6 +16,7 @@ from sandwich_sitl.recording.merge import merge_logs
 from sandwich_sitl.recording.messages import nanoseconds
 from sandwich_sitl.recording.recorder import RunRecorder
 from sandwich_sitl.recording.records import ControlRecord, MissionRecord, TickTiming
+from sandwich_sitl.world.grow import GrownWorld
 
 BOUNDS_M = (0.0, 0.0, 40.0, 30.0)
 DIAMOND_M = np.array([[15.0, 15.0], [20.0, 11.0], [25.0, 15.0], [20.0, 19.0]])
@@ -35,13 +37,18 @@ def small_map() -> ChannelMap:
     grids = tuple(np.stack([np.broadcast_to(x_m[:, None], y.shape), y], axis=-1).copy() for y in (below_y, above_y))
     barred = (bulge_m > 0)[None]
     return ChannelMap(
-        bounds_m=BOUNDS_M,
+        grown=GrownWorld(BOUNDS_M, (Polygon(GROWN_M),), ("diamond",)),
+        flow="x",
         xy_m=grids,
+        gridded=np.ones((2, 40), dtype=bool),
         barred=barred,
         barrier=np.where(barred, 0, -1),
         Psi=np.array([0.0, 15.0, 30.0]),
         phi=x_m,
-        quality=MapQuality(480, 0, 0, 0.71, 50.0, 6.0, 1e-6, 0.98),
+        bays=(),
+        lid_places=(),
+        lost=(),
+        quality=MapQuality(480, 0, 0, 0, 0.71, 50.0, 6.0, 1.0, 2.5, 1e-6, 0.98),
     )
 
 

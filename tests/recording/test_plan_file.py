@@ -46,7 +46,8 @@ def test_equal_plans_give_equal_bytes_whatever_their_wall_times() -> None:
 
 def test_numpy_alone_reads_the_file() -> None:
     with np.load(io.BytesIO(plan_bytes(run_samples.small_plan())), allow_pickle=False) as archive:
-        assert archive["map_xy_m_1"].shape == (41, 7, 2)
+        assert archive["map_nodes"].shape == (2 * 41 * 7, 2)
+        assert archive["map_rows"].tolist() == [7, 7]
 
 
 def _pickled() -> bytes:

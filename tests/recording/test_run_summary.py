@@ -17,7 +17,8 @@ def test_keys_are_complete_and_json(run_log: RunLog) -> None:
     summary = json.loads(json.dumps(summarise(run_log)))
     assert {"outcome", "seed", "clock", "map", "route", "flight", "mpc", "link"} <= set(summary)
     assert set(summary["map"]) == {
-        "channels", "nodes", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage", "seconds",
+        "channels", "nodes", "bays", "flow", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage",
+        "check", "seconds",
     }  # fmt: skip
     assert set(summary["route"]) == {"sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"}
     assert set(summary["flight"]) == {
@@ -34,7 +35,7 @@ def test_head_map_and_route(run_log: RunLog) -> None:
     assert (summary["outcome"], summary["seed"], summary["clock"]) == ("landed", 7, "lockstep")
     assert summary["map"] == {
         "channels": 2, "nodes": 2 * 41 * 7, "folded_cells": 0, "repaired_cells": 0, "min_jacobian_ratio": 0.71,
-        "coverage": 0.98, "seconds": 0.5,
+        "coverage": 0.98, "seconds": 0.5, "bays": 0, "flow": "x", "check": "passed",
     }  # fmt: skip
     grid_m = 30.0 + 2.0 * 3.0 * math.sqrt(2.0)
     assert summary["route"] == pytest.approx(
