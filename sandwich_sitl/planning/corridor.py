@@ -113,7 +113,8 @@ def proven_corridor(
     speed = speeds_mps(t_s, xy)
     centres = xy[[(a + b) // 2 for a, b in spans]]
     quadrangles = [neighbouring_quadrangle(channel_map, place) for place in nearest_places(channel_map, centres)]
-    boxes = np.array([_box(xy[max(0, a - 1) : b + 1], _REACHES_M[0] + 2.0) for a, b in spans])
+    seeds = [np.vstack([xy[max(0, a - 1) : b + 1], four]) for (a, b), four in zip(spans, quadrangles, strict=True)]
+    boxes = np.array([_box(points, _REACHES_M[0] + 2.0) for points in seeds])
     regions: list[Array] = []
     polygons: list[Array] = []
     neighbours: list[Array] = []
