@@ -74,7 +74,9 @@ def test_curve_begins_with_the_derivatives_it_is_given() -> None:
 
 def test_along_walks_the_polyline() -> None:
     route = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0]])
-    np.testing.assert_allclose(along(route, np.array([0.0, 1.0, 3.0, 5.0, 7.0])), [[0, 0], [1, 0], [3, 0], [3, 2], [3, 4]])
+    np.testing.assert_allclose(
+        along(route, np.array([0.0, 1.0, 3.0, 5.0, 7.0])), [[0, 0], [1, 0], [3, 0], [3, 2], [3, 4]]
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
