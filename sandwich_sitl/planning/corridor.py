@@ -113,8 +113,11 @@ def proven_corridor(
     speed = speeds_mps(t_s, xy)
     centres = xy[[(a + b) // 2 for a, b in spans]]
     quadrangles = [neighbouring_quadrangle(channel_map, place) for place in nearest_places(channel_map, centres)]
-    seeds = [np.vstack([xy[max(0, a - 1) : b + 1], four]) for (a, b), four in zip(spans, quadrangles, strict=True)]
-    boxes = np.array([_box(points, _REACHES_M[0] + 2.0) for points in seeds])
+    widest = REACH_M + float(between_samples_m(speed.max(), interval_s)) + _HAIR_M
+    boxes = np.array([
+        _box(np.concatenate([xy[max(0, a - 1) : b + 1], quadrangle]), widest)
+        for (a, b), quadrangle in zip(spans, quadrangles, strict=True)
+    ])  # fmt: skip
     regions: list[Array] = []
     polygons: list[Array] = []
     neighbours: list[Array] = []
@@ -151,12 +154,13 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
     grids = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
     nodes = np.concatenate([grid.reshape(-1, 2) for grid in grids])
     size = max(channel_map.quality.median_edge_m * _NODES_WITHIN, _HAIR_M)
-    near = _same_cells(nodes, points, size)
-    chosen = np.flatnonzero(near) if near.any() else np.arange(len(nodes))
+    there = np.flatnonzero(~np.isnan(nodes[:, 0]))  # bays leave holes in the grid
+    near = _same_cells(nodes[there], points, size)
+    chosen = there[near] if near.any() else there
     gap, found = cKDTree(nodes[chosen]).query(points)
     if float(np.max(gap)) > size:
-        chosen = np.arange(len(nodes))
-        found = cKDTree(nodes).query(points)[1]
+        chosen = there
+        found = cKDTree(nodes[there]).query(points)[1]
     first = np.cumsum([0, *(grid.shape[0] * grid.shape[1] for grid in grids)])
     places = []
     for node in chosen[found]:

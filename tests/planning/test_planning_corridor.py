@@ -95,6 +95,25 @@ def test_corridor_among_random_obstacles_is_proven_and_convex_with_eight_sides_a
         assert not shapely.intersects(moved, solid).any()
 
 
+@pytest.mark.parametrize("seed", [1, 4, 10])
+def test_fast_flight_among_many_obstacles_is_proven(seed: int) -> None:
+    """Worlds whose map has bays and holes, and whose quadrangles reach far beyond their stretch."""
+    rng = np.random.default_rng(seed)
+    obstacles = []
+    for k in range(40):
+        angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 9)))
+        centre, size = rng.uniform((8, 4), (92, 56)), rng.uniform(1, 4.5)
+        shape = Polygon(centre + size * np.column_stack([np.cos(angles), np.sin(angles)])).convex_hull
+        if isinstance(shape, Polygon) and shape.area > 0.5:
+            obstacles.append(Obstacle(f"o{k}", shape))
+    world = World((0, 0, 100, 60), tuple(obstacles))
+    asked = config(0.5, (2, 30), (98, float(rng.uniform(10, 50))))
+    fast = dataclasses.replace(asked.planner, speed_mps=8.0, acceleration_mps2=3.0)
+    plan = plan_flight(dataclasses.replace(asked, planner=fast), world, lambda _: None)
+    assert plan.proof is not None
+    assert plan.proof.proven, plan.proof.problem
+
+
 @pytest.mark.parametrize("extra_m", [0.02, 0.1, 0.5])
 def test_gap_just_wider_than_the_vehicle_has_a_corridor(extra_m: float) -> None:
     half = RADIUS_M + extra_m

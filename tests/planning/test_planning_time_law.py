@@ -109,7 +109,7 @@ def test_law_from_a_moving_start_begins_with_its_derivatives(
     _, v, a, j, _ = timed.derivatives(np.array([0.0]))
     assert abs(v[0, 0] - speed) < 2e-3
     assert abs(a[0, 0] - acceleration) < 2e-2
-    assert abs(j[0, 0] - jerk) < 0.3
+    assert abs(j[0, 0] - jerk) < 0.06 * limits.jerk_mps3
     points = timed.sampled(DT_S)
     inner = [np.abs(np.diff(points, n=order, axis=0)).max() / DT_S**order for order in (1, 2, 3, 4)]
     assert (np.array(inner) <= 1.06 * np.array([3.5, 2.0, 10.0, 80.0])).all()
