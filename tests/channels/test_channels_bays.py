@@ -60,9 +60,10 @@ def test_mesh_fills_random_star_shaped_polygons(seed: int) -> None:
     angle = angle[np.concatenate([[True], np.diff(angle) > 0.02])]
     radius = rng.uniform(1, 10, len(angle))
     polygon = Polygon(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])).buffer(0)
-    check_mesh(mesh_bay("star", max(shapely.get_parts(polygon), key=shapely.area), NO_LIDS, CELL_M), max(
-        shapely.get_parts(polygon), key=shapely.area
-    ))
+    check_mesh(
+        mesh_bay("star", max(shapely.get_parts(polygon), key=shapely.area), NO_LIDS, CELL_M),
+        max(shapely.get_parts(polygon), key=shapely.area),
+    )
 
 
 def test_cells_have_about_the_size_asked_for() -> None:

@@ -35,6 +35,8 @@ HAND_MADE = {
     "in a pocket": (horseshoe(40, 25, 24, 90), box(38, 23, 42, 27)),
     "interlocked": (horseshoe(35, 25, 20, -90), box(38, 23.5, 60, 26.5)),
     "left to right": (box(-5, 22, 90, 26),),
+    "wedge on the left border": (Polygon([(-3, 10), (3, 40), (-3, 44)]), box(30, 6, 40, 10)),
+    "wedge on the right border": (Polygon([(83, 10), (77, 40), (83, 44)]), box(30, 6, 40, 10)),
     "bottom to top": (box(38, -5, 42, 60),),
     "frame with a door": (yard(40, 25, 60, 2, 6, 0),),
     "three sides of the border": (box(-5, -5, 90, 3), box(-5, -5, 3, 60), box(77, -5, 90, 60)),
@@ -118,6 +120,7 @@ def test_reported_quality_is_what_the_cells_have() -> None:
     angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     np.testing.assert_allclose(angles.sum(axis=1), 360, atol=1e-4)
     assert channel_map.quality.min_angle_deg == pytest.approx(angles.min(), abs=1e-4)
+    assert channel_map.quality.min_jacobian_ratio == pytest.approx(np.sin(np.radians(angles)).min(), abs=1e-6)
     assert channel_map.quality.mean_angle_error_deg == pytest.approx(np.abs(angles - 90).mean(), abs=1e-6)
 
 

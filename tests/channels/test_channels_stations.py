@@ -20,7 +20,9 @@ def test_open_world_has_stations_proportional_to_x() -> None:
     np.testing.assert_allclose(stations.at(points), (points[:, 0] - 10) / 100, atol=1e-12)
 
 
-@pytest.mark.parametrize("shape", [box(40, -5, 60, 20), Polygon([(30, -20), (60, -20), (50, 30)]), disc(60, 10, 15, 40)])
+@pytest.mark.parametrize(
+    "shape", [box(40, -5, 60, 20), Polygon([(30, -20), (60, -20), (50, 30)]), disc(60, 10, 15, 40)]
+)
 def test_stations_run_from_zero_to_one(shape: Polygon) -> None:
     stations = lay_stations([shape], BOUNDS)
     y = np.linspace(-20, 40, 50)

@@ -13,7 +13,9 @@ BOUNDS = (0.0, 0.0, 100.0, 60.0)
 
 
 def outline(shape: Polygon) -> Outline:
-    return outline_of([shapely.get_coordinates(shapely.orient_polygons(shape).exterior)[:-1]], np.empty((0, 2, 2)), BOUNDS)
+    return outline_of(
+        [shapely.get_coordinates(shapely.orient_polygons(shape).exterior)[:-1]], np.empty((0, 2, 2)), BOUNDS
+    )
 
 
 def notched(width: float, depth: float, *, below: bool) -> Outline:
@@ -39,10 +41,14 @@ def test_notch_is_shut_from_a_depth_of_eight_tenths_of_its_width(
 
 def test_wedge_is_shut_at_the_height_where_it_is_deep_enough() -> None:
     """A V 10 m deep and 16 m wide is too shallow for its mouth; narrower steps further down count for themselves."""
-    funnel = Polygon([(30, 20), (70, 20), (70, 40), (58, 40), (52, 36), (52, 26), (48, 26), (48, 36), (42, 40), (30, 40)])
+    funnel = Polygon(
+        [(30, 20), (70, 20), (70, 40), (58, 40), (52, 36), (52, 26), (48, 26), (48, 36), (42, 40), (30, 40)]
+    )
     ((segment,),) = [lids.segments for lids in find_lids([outline(funnel)], BOUNDS)]
     np.testing.assert_allclose(segment, [[42, 40], [58, 40]])
-    shallow = Polygon([(30, 20), (70, 20), (70, 40), (64, 40), (52, 36), (52, 26), (48, 26), (48, 36), (36, 40), (30, 40)])
+    shallow = Polygon(
+        [(30, 20), (70, 20), (70, 40), (64, 40), (52, 36), (52, 26), (48, 26), (48, 36), (36, 40), (30, 40)]
+    )
     ((segment,),) = [lids.segments for lids in find_lids([outline(shallow)], BOUNDS)]
     np.testing.assert_allclose(segment, [[48, 36], [52, 36]])
 

@@ -28,7 +28,8 @@ def outline(xy: np.ndarray) -> Polygon:
 
 
 @pytest.mark.parametrize(
-    ("columns", "runs"), [((10,), 1), ((10, 20), 2), ((10, 12), 1), ((1,), 1), ((M - 3,), 1), (tuple(range(1, M - 2, 2)), 1)]
+    ("columns", "runs"),
+    [((10,), 1), ((10, 20), 2), ((10, 12), 1), ((1,), 1), ((M - 3,), 1), (tuple(range(1, M - 2, 2)), 1)],
 )
 def test_ground_is_kept_and_no_fold_is_left(columns: tuple[int, ...], runs: int) -> None:
     xy = folded(*columns)

@@ -41,7 +41,9 @@ def test_corner_sines_are_sines_of_the_corner_angles() -> None:
     np.testing.assert_array_equal(quad_sines(folded[[0, 0, 2, 3]])[:2], [-1, -1])
 
 
-@pytest.mark.parametrize("grid", [lattice(17, 11), bent(25, 9), lattice(21, 9) * (1.0, 6.0)], ids=["box", "arc", "tall"])
+@pytest.mark.parametrize(
+    "grid", [lattice(17, 11), bent(25, 9), lattice(21, 9) * (1.0, 6.0)], ids=["box", "arc", "tall"]
+)
 @pytest.mark.parametrize("seed", range(6))
 def test_folded_grid_is_unfolded_with_its_boundary_fixed(grid: np.ndarray, seed: int) -> None:
     folded = disturbed(grid, 1.4, seed)

@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 import shapely
-from shapely import LineString, Point, Polygon, box
+from shapely import LineString, Polygon, box
 from shapely.affinity import rotate, translate
 
 from sandwich_sitl.channels.channel_map import Flow
@@ -371,9 +371,7 @@ def sample_world(seed: int) -> SampleWorld:
     cell_m = float(rng.uniform(0.5, 2.0))
     flow: Flow = get_args(Flow)[int(rng.integers(0, 2))]
     world = World(WIDE, tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
-    return SampleWorld(
-        family, seed, grow(world, reach, 0.15 * min(cell_m, 0.6 * reach)), len(shapes), cell_m, flow
-    )
+    return SampleWorld(family, seed, grow(world, reach, 0.15 * min(cell_m, 0.6 * reach)), len(shapes), cell_m, flow)
 
 
 def thousand_obstacles(seed: int) -> SampleWorld:
@@ -382,7 +380,7 @@ def thousand_obstacles(seed: int) -> SampleWorld:
     shapes: Shapes = []
     for i in range(40):
         for j in range(25):
-            at = np.array([2.5 * i, 2.4 * j]) + (1.25, 1.2) + rng.uniform(-0.35, 0.35, 2)
+            at = np.array([2.5 * i + 1.25, 2.4 * j + 1.2]) + rng.uniform(-0.35, 0.35, 2)
             shapes.append(convex(rng, float(at[0]), float(at[1]), float(rng.uniform(0.7, 1.3))))
     world = World(WIDE, tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
     return SampleWorld("thousand", seed, grow(world, 0.2, 0.02), len(shapes), 0.5, "x")

@@ -14,7 +14,7 @@ from sandwich_sitl.config import PlannerConfig, RunConfig, WorldConfig, load_con
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import exact_shortest_path, grid_astar, path_length
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import build_map_graph, distances, links, locate
+from sandwich_sitl.planning.map_graph import build_map_graph, distances, links
 from sandwich_sitl.planning.plan import plan_flight
 from sandwich_sitl.planning.routes import find_route
 from sandwich_sitl.planning.search import Graph, astar
@@ -150,37 +150,6 @@ def test_one_search_to_many_goals_is_as_good_as_one_each() -> None:
     assert found[-1] == np.inf
 
 
-def test_map_graph_shares_nodes_on_free_ground_and_bars_walls() -> None:
-    grown = grown_world(box(20, 15, 40, 25))
-    channel_map = build_channel_map(grown, 1.5, 5)
-    map_graph = build_map_graph(channel_map)
-    graph = map_graph.graph
-    barred = channel_map.barred[0]
-    assert 0 < barred.sum() < len(barred)
-    np.testing.assert_array_equal(map_graph.node[0][:, -1] == map_graph.node[1][:, 0], ~barred)
-    for d, number in enumerate(map_graph.node):
-        np.testing.assert_array_equal(graph.xy_m[number], channel_map.xy_m[d])
-    d, i, j = map_graph.place.T
-    np.testing.assert_array_equal([map_graph.node[a][b, c] for a, b, c in zip(d, i, j, strict=True)], np.arange(len(d)))
-    a = np.repeat(np.arange(len(graph.xy_m)), np.diff(graph.first))
-    lines = shapely.linestrings(np.stack([graph.xy_m[a], graph.xy_m[graph.neighbour]], axis=1))
-    assert not shapely.intersects(lines, grown.polygons[0].buffer(-1e-6)).any()
-
-
-def test_every_free_point_lies_in_a_cell() -> None:
-    grown = shipped("paper")
-    channel_map = build_channel_map(grown, 2.0, 5)
-    map_graph = build_map_graph(channel_map)
-    for point in random_free_points(grown, 50, 1):
-        cells = locate(map_graph, point)
-        assert len(cells) >= 1
-        for d, i, j in cells:
-            xy = channel_map.xy_m[d]
-            quad = Polygon([xy[i, j], xy[i + 1, j], xy[i + 1, j + 1], xy[i, j + 1]])
-            assert quad.distance(shapely.Point(point)) < 1e-6
-    assert locate(map_graph, np.array(grown.polygons[0].centroid.coords[0])) == []
-
-
 def test_shortest_path_round_one_square_by_hand() -> None:
     ring = np.array([[20.0, 10.0], [30.0, 10.0], [30.0, 24.0], [20.0, 24.0]])
     free = FreeSpace((ring,), BOUNDS)
@@ -244,7 +213,7 @@ def test_two_walls_and_the_goal_between_them() -> None:
 
 
 def test_wall_from_bottom_to_top_is_named() -> None:
-    with pytest.raises(NoRouteError, match="obstacle 'o0' is in the way"):
+    with pytest.raises(NoRouteError, match="no route from start_m to goal_m: obstacle 'o0' is in the way"):
         planned_in([box(28, -5, 32, 50)], (5, 5), (50, 30))
 
 
@@ -258,8 +227,8 @@ def test_end_in_ground_the_map_has_lost(key: str) -> None:
 
 
 def test_end_outside_every_cell_of_the_map() -> None:
-    grown = grown_world(box(20, 15, 40, 25))
-    channel_map = build_channel_map(grown, 1.5, 5)
-    map_graph = build_map_graph(channel_map)
-    with pytest.raises(InputError, match=r"goal_m: \(30, 20\) lies in a sliver"):
-        find_route(channel_map, map_graph, np.array([5.0, 5.0]), np.array([30.0, 20.0]))
+    channel_map = build_channel_map(grown_world(box(20, 15, 40, 25)), 1.5, 5)
+    ends = np.array([5.0, 5.0]), np.array([30.0, 20.0])
+    for key, (start, goal) in (("goal_m", ends), ("start_m", ends[::-1])):
+        with pytest.raises(InputError, match=rf"{key}: \(30, 20\) lies in .* that the map leaves out"):
+            find_route(channel_map, build_map_graph(channel_map), start, goal)
