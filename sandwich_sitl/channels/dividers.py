@@ -97,7 +97,7 @@ def _smooth(
     y = even.copy()
     if levels > 2:
         y[1:-1] = _solve_spacing(x, low, high, even, gap, chains, bounds)
-    # OSQP is accurate to about 1e-3; one sweep up and one down make the kept gaps exact.
+    # OSQP is accurate to about 1e-4; one sweep up and one down make the kept gaps exact.
     kept = 0.5 * _KEPT_SHARE * gap
     top_of = np.where(np.isnan(high), y, high)
     for level in range(1, levels - 1):
@@ -196,9 +196,9 @@ def _solve_spacing(
         np.concatenate(lower),
         np.concatenate(upper),
         verbose=False,
-        eps_abs=1e-3,
-        eps_rel=1e-3,
-        max_iter=1000,
+        eps_abs=1e-4,
+        eps_rel=1e-4,
+        max_iter=4000,
         adaptive_rho_interval=50,
     )
     solution = solver.solve(raise_error=False)

@@ -50,7 +50,8 @@ def outline_of(rings: list[Array], lids: Array, bounds: Bounds) -> Outline:
     edges = np.concatenate([np.stack([r, np.roll(r, -1, axis=0)], axis=1) for r in rings] + [lids])
     swap = edges[:, 0, 0] > edges[:, 1, 0]
     edges[swap] = edges[swap, ::-1]
-    lower, upper = _envelope(edges, highest=False), _envelope(edges, highest=True)
+    breaks = _crossings(edges, lids)
+    lower, upper = _envelope(edges, breaks, highest=False), _envelope(edges, breaks, highest=True)
     if floor:
         lower = np.array([[lower[0, 0], bounds[1]], [lower[-1, 0], bounds[1]]])
     if ceiling:
@@ -76,13 +77,24 @@ def _chains(ring: Array) -> tuple[Array, Array]:
     return lower, upper[::-1]
 
 
-def _envelope(edges: Array, *, highest: bool) -> Array:
+def _crossings(edges: Array, lids: Array) -> Array:
+    """x (n,) at which edges (E, 2, 2) cross horizontal lids (L, 2, 2)."""
+    found = [np.empty(0)]
+    for (left, y), (right, _) in lids:
+        (x0, y0), (x1, y1) = edges[:, 0].T, edges[:, 1].T
+        crossing = (np.minimum(y0, y1) < y) & (y < np.maximum(y0, y1))
+        x = x0[crossing] + (y - y0[crossing]) / (y1[crossing] - y0[crossing]) * (x1[crossing] - x0[crossing])
+        found.append(x[(left < x) & (x < right)])
+    return np.concatenate(found)
+
+
+def _envelope(edges: Array, breaks: Array, *, highest: bool) -> Array:
     """The highest (or lowest) edge over every x as a polyline (V, 2); vertical steps where it changes edge.
 
-    Edges (E, 2, 2) run left to right. Vertices are those of the edges and, at steps, the points of edges above or below
+    Edges (E, 2, 2) run left to right and cross only at the x in `breaks` (n,). Vertices are those of the edges and, at steps, the points of edges above or below
     them.
     """
-    x = np.unique(edges[:, :, 0])
+    x = np.unique(np.concatenate([edges[:, :, 0].ravel(), breaks]))
     x = x[np.concatenate([[True], np.diff(x) > _SAME * (x[-1] - x[0])])]
     middle = (x[:-1] + x[1:]) / 2
     sloped = edges[edges[:, 1, 0] > edges[:, 0, 0]]

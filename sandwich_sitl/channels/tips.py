@@ -2,7 +2,7 @@
 
 A tip looks to the neighbour in its chain: where the two faces overlap in height it lies in the middle of the overlap,
 else at the end of the face that is nearer, so that streamlines bend little and leave no wedge between themselves and a
-wall. Where a level way out would meet another barrier, the extreme vertex itself is the tip.
+wall. Where a level way out would meet another barrier or cut a bulge of its own, the extreme vertex itself is the tip.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from sandwich_sitl.channels.barrier import Barrier
 Array = NDArray[np.float64]
 
 _DEEPEST = 0.4  # of a barrier's width: a tip lies no further from its extreme x
+_HAIR_M = 1e-9
 _SAME = 0.02  # of a face: a vertex this near the wanted height serves as tip
 
 
@@ -67,7 +68,9 @@ def _tip(
     beside = face[(face[:, 1] - point[1]) * (extreme[0, 1] - point[1]) > 0]
     sliver = shapely.MultiPoint([point, (x_end, point[1]), *beside]).convex_hull
     others = [k for k in tree.query(sliver, predicate="intersects").tolist() if k != own]
-    if others or any(sliver.intersects(other) for other in taken):
+    way = shapely.LineString(np.array([point, [x_end, point[1]]]))
+    through = shapely.intersection(tree.geometries[own], way).length > _HAIR_M
+    if others or through or any(sliver.intersects(other) for other in taken):
         return nearest
     assert isinstance(sliver, shapely.Polygon)
     taken.append(sliver)
