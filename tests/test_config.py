@@ -219,7 +219,8 @@ def test_override_beats_the_file_and_is_checked_like_it(tmp_path: Path) -> None:
 def test_shipped_file_loads_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
     config = load_config(path)
     world = load_world(config.world, path)
-    assert len(world.obstacles) == len(config.world.obstacles)
+    if config.world.file is None:
+        assert len(world.obstacles) == len(config.world.obstacles)
     again = written(tmp_path, yaml.safe_dump(config_as_dict(config)))
     assert load_config(again) == config
 

@@ -4,11 +4,16 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from sandwich_sitl.bench import mpc_command, plan_command, tracking_command
+from sandwich_sitl.bench import map_command, mpc_command, plan_command, tracking_command
 
 Register = Callable[[Any], None]
 
-_BENCHES: tuple[Register, ...] = (mpc_command.register, plan_command.register, tracking_command.register)
+_BENCHES: tuple[Register, ...] = (
+    map_command.register,
+    plan_command.register,
+    mpc_command.register,
+    tracking_command.register,
+)
 
 
 def add_bench(commands: Any) -> None:

@@ -106,7 +106,7 @@ def bench_world(
         SANDWICH: lambda start, goal: find_route(channel_map, map_graph, start, goal).points_m,
         CLASS: lambda start, goal: in_its_class(map_graph, mesh, find_route(channel_map, map_graph, start, goal)),
         TIGHT: lambda start, goal: (
-            shortened(map_graph, mesh, find_route(channel_map, map_graph, start, goal), "tight", cell_m).points_m
+            shortened(map_graph, mesh, find_route(channel_map, map_graph, start, goal), "tight").points_m
         ),
     }
     scores = {name: Score(name) for name in methods}

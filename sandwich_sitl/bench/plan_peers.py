@@ -47,7 +47,7 @@ def _visibility_graph(grown: GrownWorld, _: int) -> Query | None:
 def _extremities(grown: GrownWorld, _: int) -> Query | None:
     if _corners(grown) > _MOST_CORNERS:
         return None
-    from extremitypathfinder import PolygonEnvironment  # type: ignore[import-not-found]
+    from extremitypathfinder import PolygonEnvironment
 
     free = shapely.difference(shapely.box(*grown.bounds_m), shapely.union_all(list(grown.polygons)))
     ground = shapely.orient_polygons(max(shapely.get_parts(free), key=shapely.area))
@@ -89,7 +89,7 @@ def _pyastar2d(grown: GrownWorld, nodes: int) -> Query | None:
 
 def _ompl(grown: GrownWorld, _: int) -> Query | None:
     """BIT* for `OMPL_S` a query, its motions tested with shapely."""
-    from ompl import base, geometric, util  # type: ignore[import-not-found]
+    from ompl import base, geometric, util
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
     x_min, y_min, x_max, y_max = grown.bounds_m

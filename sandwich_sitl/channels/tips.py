@@ -16,6 +16,7 @@ from sandwich_sitl.channels.barrier import Barrier
 
 Array = NDArray[np.float64]
 
+_DEEPEST = 0.4  # of a barrier's width: a tip lies no further from its extreme x
 _SAME = 0.02  # of a face: a vertex this near the wanted height serves as tip
 
 
@@ -30,15 +31,13 @@ def place_tips(groups: Sequence[Sequence[Barrier]], everyone: Sequence[Barrier])
         for k, barrier in enumerate(chain):
             before = chain[k - 1].right_face() if k > 0 else None
             after = chain[k + 1].left_face() if k + 1 < len(chain) else None
-            left = (
-                None
-                if barrier.on_left
-                else _tip(barrier.left_face(), before, barrier.x_min, tree, number[id(barrier)], taken)
-            )
-            right = (
-                None
-                if barrier.on_right
-                else _tip(barrier.right_face(), after, barrier.x_max, tree, number[id(barrier)], taken)
+            own = number[id(barrier)]
+            left, right = (
+                None if at_border else _tip(face, facing, x_end, barrier.x_max - barrier.x_min, tree, own, taken)
+                for at_border, face, facing, x_end in (
+                    (barrier.on_left, barrier.left_face(), before, barrier.x_min),
+                    (barrier.on_right, barrier.right_face(), after, barrier.x_max),
+                )
             )
             ring = barrier.ring_m
             for tip in (left, right):
@@ -49,18 +48,27 @@ def place_tips(groups: Sequence[Sequence[Barrier]], everyone: Sequence[Barrier])
 
 
 def _tip(
-    face: Array, facing: Array | None, x_end: float, tree: shapely.STRtree, own: int, taken: list[shapely.Polygon]
+    face: Array,
+    facing: Array | None,
+    x_end: float,
+    width: float,
+    tree: shapely.STRtree,
+    own: int,
+    taken: list[shapely.Polygon],
 ) -> Array:
     """The tip (2,) on a face (F, 2) that looks to the face `facing` of its neighbour."""
     point = _at_height(face, _wanted(face, facing))
     if point[0] == x_end:
         return point
     extreme = face[face[:, 0] == x_end]
+    nearest = np.asarray(extreme[np.argmin(np.abs(extreme[:, 1] - point[1]))])
+    if abs(point[0] - x_end) > _DEEPEST * width:
+        return nearest
     beside = face[(face[:, 1] - point[1]) * (extreme[0, 1] - point[1]) > 0]
     sliver = shapely.MultiPoint([point, (x_end, point[1]), *beside]).convex_hull
     others = [k for k in tree.query(sliver, predicate="intersects").tolist() if k != own]
     if others or any(sliver.intersects(other) for other in taken):
-        return np.asarray(extreme[np.argmin(np.abs(extreme[:, 1] - point[1]))])
+        return nearest
     assert isinstance(sliver, shapely.Polygon)
     taken.append(sliver)
     return point

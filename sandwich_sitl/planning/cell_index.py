@@ -47,15 +47,6 @@ class CellIndex:
             )
         )  # fmt: skip
 
-    def nearest_corners(self, points: Array, tolerance_m: float) -> Ints:
-        """Per point (n, 2) the cell that holds it and which of its corners is nearest, (n, 2); -1 where no cell does."""
-        n_x, n_y = self.shape
-        return np.asarray(
-            _nearest_corners(
-                self.corners_m, self.origin_m, self.box_m, n_x, n_y, self.first, self.cells, points, tolerance_m
-            )
-        )
-
 
 @njit(cache=True, nogil=True)
 def rows_of(corners: Ints, nodes: int) -> tuple[Ints, Ints]:
@@ -142,30 +133,6 @@ def _holding(
                     found[count] = cell
                     count += 1
     return np.sort(found[:count])
-
-
-@njit(cache=True, nogil=True)
-def _nearest_corners(
-    corners: Array,
-    origin: Array,
-    box: float,
-    n_x: int,
-    n_y: int,
-    first: Ints,
-    cells: NDArray[np.int32],
-    points: Array,
-    tolerance: float,
-) -> Ints:
-    found = np.full((len(points), 2), -1, dtype=np.int64)
-    for m in range(len(points)):
-        x, y, nearest = points[m, 0], points[m, 1], np.inf
-        for cell in _holding(corners, origin, box, n_x, n_y, first, cells, x, y, tolerance):
-            for v in range(corners.shape[1]):
-                d_x, d_y = corners[cell, v, 0] - x, corners[cell, v, 1] - y
-                if d_x * d_x + d_y * d_y < nearest:
-                    nearest = d_x * d_x + d_y * d_y
-                    found[m, 0], found[m, 1] = cell, v
-    return found
 
 
 @njit(cache=True, nogil=True)

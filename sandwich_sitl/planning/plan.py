@@ -67,13 +67,14 @@ def plan_flight(
     sandwich = find_route(channel_map, map_graph, start, goal)
     mesh = build_nav_mesh(grown)
     kind = "sandwich" if config.mode == "paper" else planner.route
-    route = sandwich if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind, planner.cell_m)
+    tight = None if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind)
+    route_m = sandwich.points_m if tight is None else tight.points_m
     on_stage("baselines")
     free = FreeSpace(grown.rings_m(), grown.bounds_m)
     regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
-    exact = shortest_path(mesh, start, goal, route.points_m)
+    exact = shortest_path(mesh, start, goal, route_m)
     on_stage("reference and corridor")
-    reference, corridor, flight = _reference(config, channel_map, route.points_m, world)
+    reference, corridor, flight = _reference(config, channel_map, route_m, world)
     obstacles_m = tuple(_ring(o.polygon) for o in world.obstacles)
     proof = prove_corridor(reference, corridor, obstacles_m, planner.vehicle_radius_m, config.mpc.step_s)
     if config.mode == "timed" and not proof.proven:
@@ -99,8 +100,8 @@ def plan_flight(
         reference=reference,
         corridor=corridor,
         route_kind=kind,
-        route_proven=route.proven,
-        tight_m=np.empty((0, 2)) if kind == "sandwich" else route.points_m,
+        route_proven=tight is not None and tight.proven,
+        tight_m=np.empty((0, 2)) if tight is None else tight.points_m,
         proof=proof,
         flight=flight,
     )

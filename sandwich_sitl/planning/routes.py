@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sandwich_sitl.channels.boundary import along_arc
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import path_length, path_points
@@ -21,11 +20,11 @@ from sandwich_sitl.planning.funnel import pulled_tight
 from sandwich_sitl.planning.map_graph import MapGraph, links
 from sandwich_sitl.planning.nav_mesh import NavMesh
 from sandwich_sitl.planning.search import Graph, astar
-from sandwich_sitl.planning.shortest import shortest_path
+from sandwich_sitl.planning.shortest import ShortPath, shortest_path
 from sandwich_sitl.world.grow import GrownWorld
 
 Array = NDArray[np.float64]
-RouteKind = Literal["sandwich", "tight", "exact"]
+RouteKind = Literal["tight", "exact"]
 
 MOST_CONES = 100_000  # of sight, for a tight route: some milliseconds
 _HAIR_M = 1e-6
@@ -33,14 +32,10 @@ _HAIR_M = 1e-6
 
 @dataclass(frozen=True)
 class Route:
-    """Points (n, 2) with start and goal, and grid places (k, 3) along it without the ends.
-
-    Of an A* path there is a place for each inner point. `proven`: no path among the grown obstacles is shorter.
-    """
+    """A* path on the mapped grid: points (n, 2) with start and goal, and the grid places (n - 2, 3) between them."""
 
     points_m: Array
     places: NDArray[np.int64]
-    proven: bool = False
 
 
 def find_route(channel_map: ChannelMap, map_graph: MapGraph, start: Array, goal: Array) -> Route:
@@ -73,23 +68,15 @@ def in_its_class(map_graph: MapGraph, mesh: NavMesh, route: Route) -> Array | No
     return pulled_tight(mesh, inner_line(map_graph, route.points_m[0], nodes, route.points_m[-1]))
 
 
-def shortened(map_graph: MapGraph, mesh: NavMesh, route: Route, kind: RouteKind, cell_m: float) -> Route:
-    """The tight or exact route made from an A* path; its places are `cell_m` apart."""
+def shortened(map_graph: MapGraph, mesh: NavMesh, route: Route, kind: RouteKind) -> ShortPath:
+    """The tight or exact route made from an A* path; the path itself when there is nothing shorter."""
     start, goal = route.points_m[0], route.points_m[-1]
-    found = shortest_path(
-        mesh, start, goal, in_its_class(map_graph, mesh, route), MOST_CONES if kind == "tight" else None
-    )
-    if found is None or found.length_m > path_length(route.points_m):
-        return route
-    return Route(found.points_m, _places_along(map_graph, found.points_m, cell_m), found.proven)
-
-
-def _places_along(map_graph: MapGraph, points: Array, spacing_m: float) -> NDArray[np.int64]:
-    """Places (k, 3) of the nodes nearest to samples of a line (n, 2), no two in a row the same."""
-    samples = along_arc(points, max(2, int(np.ceil(path_length(points) / spacing_m)) + 1))[1:-1]
-    cell, corner = map_graph.cells.nearest_corners(np.ascontiguousarray(samples), _HAIR_M).T
-    kept = map_graph.quads[cell[cell >= 0], corner[cell >= 0]]
-    return np.asarray(map_graph.place[kept[np.diff(kept, prepend=-1) != 0]])
+    limit = MOST_CONES if kind == "tight" else None
+    found = shortest_path(mesh, start, goal, in_its_class(map_graph, mesh, route), limit)
+    length = path_length(route.points_m)
+    if found is None or found.length_m > length:
+        return ShortPath(route.points_m, length, proven=False)
+    return found
 
 
 def _lost_ground(channel_map: ChannelMap, point: Array) -> str:

@@ -24,6 +24,8 @@ from sandwich_sitl.recording.summary import route_lengths
 Array = NDArray[np.float64]
 
 PHI_LINES = 80  # at most this many lines phi = const are drawn
+PSI_LINES = 90  # and lines psi = const
+_NAMED = 8  # with more channels their names would overlap: numbers
 DPI = 160
 _OBSTACLE = "#8b8f98"
 _GROWN = "#c4c7cd"
@@ -79,6 +81,7 @@ def _draw_motion_space(axes: Axes, plan: FlightPlan) -> None:
 def _draw_grid(axes: Axes, channel_map: ChannelMap) -> None:
     step = max(1, -(-len(channel_map.phi) // PHI_LINES))
     rows = [xy[:, j] for xy in channel_map.xy_m for j in range(1, xy.shape[1] - 1)]
+    rows = rows[:: max(1, -(-len(rows) // PSI_LINES))]
     columns = [xy[i] for xy in channel_map.xy_m for i in range(0, len(channel_map.phi), step)]
     divides = dividing_streamlines(channel_map)
     axes.add_collection(
@@ -120,6 +123,7 @@ def _draw_planning_space(axes: Axes, plan: FlightPlan) -> None:
     step = max(1, -(-len(phi) // PHI_LINES))
     rows = np.concatenate([np.empty(0), *(channel_map.psi_rows(d) for d in range(channel_map.channels))])
     ends = np.array([phi[0], phi[-1]])
+    rows = rows[:: max(1, -(-len(rows) // PSI_LINES))]
     axes.add_collection(LineCollection(_across(ends, rows), colors=_STREAMLINE, linewidths=0.35, zorder=1))
     axes.add_collection(
         LineCollection(_upwards(phi[::step], Psi), colors=_PHI_LINE, linewidths=0.25, alpha=0.7, zorder=1)
@@ -136,10 +140,11 @@ def _draw_planning_space(axes: Axes, plan: FlightPlan) -> None:
         axes.plot(
             *point, marker, color="white", markeredgecolor="black", markersize=8 if marker == "o" else 14, zorder=5
         )
+    named = channel_map.channels <= _NAMED
     for d in range(channel_map.channels):
         axes.annotate(
-            f"channel {d + 1}", (1.005, (Psi[d] + Psi[d + 1]) / 2), xycoords=("axes fraction", "data"),
-            rotation=90, va="center", fontsize=7,
+            f"channel {d + 1}" if named else f"{d + 1}", (1.005, (Psi[d] + Psi[d + 1]) / 2),
+            xycoords=("axes fraction", "data"), rotation=90 if named else 0, va="center", fontsize=7,
         )  # fmt: skip
     axes.set(xlim=(phi[0], phi[-1]), ylim=(Psi[0], Psi[-1]), xlabel="φ", ylabel="ψ")
     axes.set_box_aspect(float((Psi[-1] - Psi[0]) / (phi[-1] - phi[0])))

@@ -96,3 +96,34 @@ def test_figures_are_drawn_from_a_log_and_refused_without_a_plan(run_path: Path,
     bad = tmp_path / "empty.mcap"
     bad.write_bytes(b"")
     assert call("figures.py", bad).returncode == 2
+
+
+def test_the_map_of_a_run_is_drawn(tmp_path: Path) -> None:
+    result = call("map_picture.py", ROOT / "configs" / "single.yaml", "--cell", 2, "--out", tmp_path / "map.png")
+    assert result.returncode == 0, result.stderr
+    assert 10_000 < (tmp_path / "map.png").stat().st_size < 400_000
+
+
+def test_the_map_of_a_map_file_is_drawn_with_its_options(tmp_path: Path) -> None:
+    town = tmp_path / "town.wkt"
+    town.write_text("POLYGON ((20 10, 30 10, 30 20, 20 20, 20 10))", encoding="utf-8")
+    options = ["--flow", "y", "--title", "Town", "--set", "bounds_m=[0, 0, 50, 30]", "--out", tmp_path / "map.png"]
+    result = call("map_picture.py", town, *options)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "gap=1"], "--set gap: is not a known key"),
+        (["--set", "gap_m"], "must be KEY=VALUE"),
+        (["--cell", "-1"], "-1 must be greater than 0"),
+    ],
+)
+def test_a_bad_option_of_the_map_picture_is_one_line(tmp_path: Path, arguments: list[str], words: str) -> None:
+    town = tmp_path / "town.wkt"
+    town.write_text("POLYGON ((20 10, 30 10, 30 20, 20 20, 20 10))", encoding="utf-8")
+    result = call("map_picture.py", town, "--out", tmp_path / "map.png", *arguments)
+    assert result.returncode == 2
+    assert words in result.stderr
