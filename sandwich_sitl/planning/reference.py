@@ -80,7 +80,7 @@ def timed_reference(config: RunConfig, ground: Ground, route_m: Array) -> tuple[
 def route_curve(config: RunConfig, ground: Ground, route_m: Array, departure: Departure | None = None) -> BSpline:
     """The smooth curve along a route; its bends grow with the way the vehicle needs to turn."""
     planner = config.planner
-    bending = planner.speed_mps**2 / planner.acceleration_mps2 / 3
+    bending = planner.speed_mps**2 / planner.acceleration_mps2 / 1.5
     route = without_repeats(route_m)
     # In flight a route begins where the vehicle is, which may be nearer to an obstacle than a route from rest may be.
     kept = min(_KEPT_MARGIN * planner.margin_m, _NEARER * ground.outlines.distance_m(route))
