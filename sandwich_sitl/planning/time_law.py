@@ -23,7 +23,9 @@ _DU_M = 0.05
 _DT_S = 0.01
 _ROUNDS = 14
 _CLOSE = 1.002  # an excess this small is left to stretching
+_TOLERATED = 1.01  # of a law that cannot be stretched
 _GAIN = 0.7  # share of an excess that one round takes away
+_LAST = 4  # samples of a last, short average: steps of snap would make the spline through the samples ring
 _FILTER = 1.0  # lengths of the averages in a_max / j_max and j_max / s_max
 
 
@@ -105,7 +107,7 @@ def fly(curve: BSpline, limits: Limits, cap_mps: Array | None = None, start: tup
         lowered = np.clip(lowered * np.maximum(at_grid, 0.9) ** -_GAIN, 0.05, 1.0)
     assert best is not None
     _, worst, u = best
-    if moving and worst > 1.02:
+    if moving and worst > _TOLERATED:
         return None
     stretch = 1.0 if moving else max(1.0, worst)
     t = np.arange(len(u), dtype=np.float64) * _DT_S * stretch
@@ -150,6 +152,9 @@ def _speeds(grid: _Grid, limits: Limits, lowered: Array, first_mps: float) -> Ar
     cap = np.minimum(np.minimum(limits.speed_mps * lowered, grid.cap * lowered),
                      np.sqrt(a_max / np.maximum(grid.curvature, 1e-9)))  # fmt: skip
     step = np.diff(grid.u) * (grid.rate[1:] + grid.rate[:-1]) / 2
+    # A start that moves cannot be slower than braking makes it.
+    travelled = np.concatenate([[0.0], np.cumsum(step)])
+    cap = np.maximum(cap, np.sqrt(np.maximum(first_mps**2 - limits.acceleration_mps2 * travelled, 0.0)))
     return np.asarray(_passes(cap, grid.curvature, a_max, step, first_mps))
 
 
@@ -181,15 +186,16 @@ def _progress(
     v = _speeds(grid, limits, lowered, first_mps)
     du = v / grid.rate
     t_grid = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid.u) / np.maximum(du[:-1] + du[1:], 1e-9))])
-    pad = sum(windows)
+    pad = sum(windows) + _LAST
     t = np.arange(-pad, int(np.ceil(t_grid[-1] / _DT_S)) + pad + 1) * _DT_S
     k = np.clip(np.searchsorted(t_grid, t, side="right") - 1, 0, len(t_grid) - 2)
     tau = t - t_grid[k]
     slope = (du[k + 1] - du[k]) / (t_grid[k + 1] - t_grid[k])
     u = grid.u[k] + du[k] * tau + slope * tau**2 / 2
     rest = 0.0 if start is None else start[0]
-    u = np.where(t < 0, rest * t, np.where(t > t_grid[-1], grid.u[-1], u))
-    rate = np.where(t < 0, rest, np.where(t > t_grid[-1], 0.0, du[k] + slope * tau))
+    braking = 0.0 if start is None else start[1]
+    u = np.where(t < 0, rest * t + braking * t**2 / 2, np.where(t > t_grid[-1], grid.u[-1], u))
+    rate = np.where(t < 0, rest + braking * t, np.where(t > t_grid[-1], 0.0, du[k] + slope * tau))
     once, twice = windows
     # Averages of u and of its rate; differences of a rate over a window are the average's next derivative.
     values = _average(_average(u, once), twice)
@@ -199,10 +205,10 @@ def _progress(
     if twice < 2 or once < 2:
         third = np.gradient(second, _DT_S)
     fourth = np.gradient(third, _DT_S)
-    out = [values, first, second, third, fourth]
+    out = [_average(x, _LAST) for x in (values, first, second, third, fourth)]
     if start is None:
         return out
-    centred = pad - (pad - 2) // 2
+    centred = pad - (once + twice + _LAST - 3) // 2
     return _joined([x[centred:] for x in out], start)
 
 
@@ -229,9 +235,10 @@ def _average(x: Array, window: int) -> Array:
 
 
 def _difference(x: Array, window: int) -> Array:
-    """Derivative of the average of an integral: (x(t + w) - x(t)) / w, on the average's samples."""
-    shifted = np.concatenate([x, x[-1:]])
-    return np.asarray((shifted[window:] - shifted[:-window]) / (window * _DT_S))
+    """Derivative of the average over a window: (x(t + w / 2) - x(t - w / 2)) / w, on the average's samples."""
+    held = np.concatenate([x[:1], x, x[-1:]])
+    between = (held[1:] + held[:-1]) / 2
+    return np.asarray((between[window:] - between[:-window]) / (window * _DT_S))
 
 
 def _chain(c: list[Array], u: list[Array]) -> tuple[Array, Array, Array, Array]:
