@@ -80,15 +80,16 @@ def test_street_along_the_border_needs_no_lid_where_it_ends_blindly() -> None:
     np.testing.assert_allclose(segments, [[[0, 40], [4, 40]]])
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3, 4, 6, 10, 17])
+@pytest.mark.parametrize("seed", [2, 3, 17, 20, 22, 35])
 def test_lids_are_level_and_span_free_ground_between_their_outlines(seed: int) -> None:
     rings = sample_world(seed).grown.rings_m()
     outlines = [outline_of([ring], np.empty((0, 2, 2)), (0, 0, 100, 60)) for ring in rings]
     wholes = [Polygon(o.ring()) for o in outlines]
-    if shapely.union_all(wholes).area < sum(whole.area for whole in wholes) - 1e-9:
-        pytest.skip("closures meet: find_lids is called after they are united")
+    assert shapely.union_all(wholes).area == pytest.approx(sum(whole.area for whole in wholes))
     solid = shapely.union_all([whole.buffer(-1e-6) for whole in wholes])
-    for lids in find_lids(outlines, (0, 0, 100, 60)):
+    found = find_lids(outlines, (0, 0, 100, 60))
+    assert found
+    for lids in found:
         for segment in lids.segments:
             assert segment[0, 1] == segment[1, 1]
             assert segment[0, 0] < segment[1, 0]

@@ -10,16 +10,17 @@ import shapely
 from map_laws import bilinear, bilinear_inverse, check_edges, check_lookup, check_reachability, free_points
 from scipy.sparse.csgraph import connected_components
 from shapely import LineString, Point, Polygon, box
-from world_samples import QUICK, grown_world, horseshoe, sample_world, yard
+from world_samples import QUICK, REACH_M, grown_world, horseshoe, sample_world, yard
 
 from sandwich_sitl.channels.build import build_channel_map
-from sandwich_sitl.channels.channel_map import ChannelMap
+from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
 from sandwich_sitl.planning.routes import find_route
 
 HAIR_M = 1e-7
+FLOWS: tuple[Flow, ...] = ("x", "y")
 FAMILIES = ["mixed", "horseshoes", "spirals", "combs", "nested", "border_walls", "gaps", "split", "none"]
 
 
@@ -180,6 +181,49 @@ def test_route_into_a_room_passes_its_door() -> None:
     door = box(15.5, 23, 20.5, 26)
     assert LineString(route).intersects(door)
     assert path_length(route) >= np.hypot(*(goal - start))
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("turn_deg", [0, 90, 180, 270])
+def test_route_leaves_a_pocket_through_its_mouth(turn_deg: float, flow: Flow) -> None:
+    grown = grown_world(horseshoe(40, 25, 24, turn_deg))
+    channel_map = build_channel_map(grown, 1.5, 5, flow)
+    map_graph = build_map_graph(channel_map)
+    start = np.array([40.0, 25.0])
+    turn = np.radians(turn_deg)
+    behind, mouth = (start + step * np.array([-np.sin(turn), np.cos(turn)]) for step in (-16.0, 11.0))
+    for ends in ((start, behind), (behind, start)):
+        route = LineString(find_route(channel_map, map_graph, *ends).points_m)
+        assert not route.intersects(grown.polygons[0].buffer(-HAIR_M))
+        assert route.distance(Point(mouth)) < 6.0
+        assert route.length > 30.0
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("lying", [False, True], ids=["upright wall", "lying wall"])
+@pytest.mark.parametrize("spare_m", [0.02, 0.2])
+def test_gap_is_passed_exactly_when_it_is_wider_than_the_vehicle(spare_m: float, lying: bool, flow: Flow) -> None:
+    """Two walls from border to border but for a gap of twice what the vehicle's middle keeps, more or less."""
+
+    def walls(gap_m: float) -> tuple[Polygon, Polygon]:
+        half = gap_m / 2
+        if lying:
+            return box(-5, 24, 40 - half, 26), box(40 + half, 24, 90, 26)
+        return box(39, -5, 41, 25 - half), box(39, 25 + half, 41, 60)
+
+    start, goal = (
+        (np.array([40.0, 5.0]), np.array([40.0, 45.0])) if lying else (np.array([5.0, 25]), np.array([75, 25]))
+    )
+    for gap_m, passes in ((2 * REACH_M + spare_m, True), (2 * REACH_M - spare_m, False)):
+        channel_map = build_channel_map(grown_world(*walls(gap_m)), 1.5, 5, flow)
+        map_graph = build_map_graph(channel_map)
+        if passes:
+            assert path_length(find_route(channel_map, map_graph, start, goal).points_m) == pytest.approx(
+                np.hypot(*(goal - start)), rel=0.05
+            )
+        else:
+            with pytest.raises(NoRouteError, match=r"obstacle 'o0\+o1' is in the way"):
+                find_route(channel_map, map_graph, start, goal)
 
 
 def test_walled_off_ground_is_out_of_reach_and_the_wall_is_named() -> None:
