@@ -91,8 +91,8 @@ def _crossings(edges: Array, lids: Array) -> Array:
 def _envelope(edges: Array, breaks: Array, *, highest: bool) -> Array:
     """The highest (or lowest) edge over every x as a polyline (V, 2); vertical steps where it changes edge.
 
-    Edges (E, 2, 2) run left to right and cross only at the x in `breaks` (n,). Vertices are those of the edges and, at steps, the points of edges above or below
-    them.
+    Edges (E, 2, 2) run left to right and cross only at the x in `breaks` (n,). Vertices are those of the edges and, at
+    steps, the points of edges above or below them.
     """
     x = np.unique(np.concatenate([edges[:, :, 0].ravel(), breaks]))
     x = x[np.concatenate([[True], np.diff(x) > _SAME * (x[-1] - x[0])])]
