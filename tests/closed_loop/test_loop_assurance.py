@@ -69,7 +69,7 @@ def test_a_solver_that_fails_for_good_ends_held_and_lands_on_request(
     start: Start, short_config: Path, tmp_path: Path
 ) -> None:
     watch = Watch("HOLD")
-    log, result, config = flown(start, short_config, tmp_path, failing_when(lambda k: k >= 500), watch)
+    log, result, config = flown(start, short_config, tmp_path, failing_when(lambda k: k >= 580), watch)
     assert (result.outcome.outcome, result.outcome.exit_status) == ("held", 6)
     assert watch.states[watch.states.index("ACTIVE") :] == ["ACTIVE", "BRAKE", "HOLD", "LAND", "DONE"]
     rung = log.control.rung
