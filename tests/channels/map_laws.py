@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from shapely import Polygon, box
 
+from sandwich_sitl.channels.build import SOLVED
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, locate
 
@@ -128,6 +129,33 @@ def check_reachability(channel_map: ChannelMap, map_graph: MapGraph) -> None:
         reached = map_graph.graph.reachable([int(own[0])])
         assert reached[own].all()
         assert not reached[nodes[part != k]].any()
+
+
+def second_differences(xy: Array) -> Array:
+    """The residual of Eq. (ellipticpde) written out with shifted arrays, as a displacement (m_phi - 2, m_j - 2)."""
+    d_phi, d_psi = np.gradient(xy, axis=0)[1:-1, 1:-1], np.gradient(xy, axis=1)[1:-1, 1:-1]
+    a, b, c = (d_psi**2).sum(axis=-1), (d_phi * d_psi).sum(axis=-1), (d_phi**2).sum(axis=-1)
+    along = np.diff(xy, 2, axis=0)[:, 1:-1]
+    across = np.diff(xy, 2, axis=1)[1:-1]
+    mixed = np.gradient(np.gradient(xy, axis=0), axis=1)[1:-1, 1:-1]
+    value = a[..., None] * along - 2 * b[..., None] * mixed + c[..., None] * across
+    return np.hypot(*np.moveaxis(value, -1, 0)) / (2 * (a + c))
+
+
+def check_residual(channel_map: ChannelMap, cell_m: float) -> None:
+    """Law 5: cells with a corner at which Eq. (ellipticpde) does not hold are all reported as repaired."""
+    off = 0
+    for xy, gridded in zip(channel_map.xy_m, channel_map.gridded, strict=True):
+        apart = np.zeros(xy.shape[:2], dtype=bool)
+        with np.errstate(invalid="ignore"):
+            apart[1:-1, 1:-1] = second_differences(xy) > SOLVED * cell_m * (1 + 1e-6)
+        inside = np.zeros(len(xy), dtype=bool)
+        inside[1:-1] = gridded[1:] & gridded[:-1]
+        apart &= inside[:, None]
+        touched = apart[1:, 1:] | apart[1:, :-1] | apart[:-1, 1:] | apart[:-1, :-1]
+        off += int(touched[gridded].sum())
+    assert off <= channel_map.quality.repaired_cells
+    assert channel_map.quality.max_residual_m <= SOLVED * cell_m
 
 
 def check_lookup(channel_map: ChannelMap, points: Array) -> None:

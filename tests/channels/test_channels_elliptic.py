@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from map_laws import second_differences
 
 from sandwich_sitl.channels.elliptic import MOST_CYCLES, interpolate, residual, solve_elliptic
 
@@ -25,17 +26,6 @@ MATRICES = {
     "sheared": np.array([[5.0, 2.0], [0.0, 3.0]]),
     "turned": np.array([[3.0, -2.0], [2.0, 4.0]]),
 }
-
-
-def second_differences(xy: np.ndarray) -> np.ndarray:
-    """The residual of Eq. (ellipticpde) written out with shifted arrays, as a displacement (m_phi - 2, m_j - 2)."""
-    d_phi, d_psi = np.gradient(xy, axis=0)[1:-1, 1:-1], np.gradient(xy, axis=1)[1:-1, 1:-1]
-    a, b, c = (d_psi**2).sum(axis=-1), (d_phi * d_psi).sum(axis=-1), (d_phi**2).sum(axis=-1)
-    along = np.diff(xy, 2, axis=0)[:, 1:-1]
-    across = np.diff(xy, 2, axis=1)[1:-1]
-    mixed = np.gradient(np.gradient(xy, axis=0), axis=1)[1:-1, 1:-1]
-    value = a[..., None] * along - 2 * b[..., None] * mixed + c[..., None] * across
-    return np.hypot(*np.moveaxis(value, -1, 0)) / (2 * (a + c))
 
 
 @pytest.mark.parametrize("shape", [(17, 9), (33, 5), (14, 8), (65, 33)])

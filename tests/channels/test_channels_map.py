@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from map_laws import check_laws, check_lookup, free_points, map_quads
+from map_laws import check_laws, check_lookup, check_residual, free_points, map_quads
 from shapely import Polygon, box
 from world_samples import BOUNDS, QUICK, ell, grown_world, horseshoe, random_shapes, sample_world, yard
 
@@ -56,8 +56,10 @@ def test_hand_made_worlds_keep_the_laws(name: str, flow: Flow) -> None:
 @pytest.mark.parametrize("seed", QUICK.values(), ids=list(QUICK))
 def test_world_of_every_family_keeps_the_laws(seed: int) -> None:
     sample = sample_world(seed)
-    channel_map = build_channel_map(sample.grown, max(1.3, sample.cell_m), 5, sample.flow)
+    cell_m = max(1.3, sample.cell_m)
+    channel_map = build_channel_map(sample.grown, cell_m, 5, sample.flow)
     check_laws(channel_map)
+    check_residual(channel_map, cell_m)
     check_lookup(channel_map, free_points(channel_map, 40, seed))
     assert examine(channel_map).failures == ()
 
