@@ -83,10 +83,9 @@ def _without_border_slivers(obstacles: BaseGeometry, frame: Polygon, width_m: fl
     return shapely.union_all([obstacles, *slivers], grid_size=1e-6)
 
 
-def _united(shapes: Sequence[BaseGeometry]) -> Polygon | MultiPolygon:
-    united = shapely.union_all(shapes)
-    assert isinstance(united, Polygon | MultiPolygon)
-    return united
+def _united(shapes: Sequence[BaseGeometry]) -> MultiPolygon:
+    """The union's area; what shapes share with the frame may be nothing, or a line."""
+    return MultiPolygon(_polygons(shapely.union_all(shapes)))
 
 
 def _polygons(geometry: shapely.Geometry) -> list[Polygon]:

@@ -136,3 +136,10 @@ def test_an_obstacle_beside_the_border_is_felt_inside_it() -> None:
     assert grown.names == ("beside",)
     assert grown.blocker((0.7, 10.0)) == "beside"
     assert grown.blocker((0.9, 10.0)) is None
+
+
+def test_obstacles_out_of_reach_leave_the_world_empty() -> None:
+    beyond = Obstacle("beyond", box(-8, -8, -5, -5))
+    assert grow(World((0, 0, 40, 30), (beyond,)), 1.0, 0.1).polygons == ()
+    inside = Obstacle("inside", box(10, 10, 14, 14))
+    assert grow(World((0, 0, 40, 30), (beyond, inside)), 1.0, 0.1).names == ("inside",)
