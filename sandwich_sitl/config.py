@@ -63,7 +63,7 @@ class PlannerConfig:
     margin_m: Annotated[float, Field(gt=0, description="added to the radius when obstacles are grown for planning")]
     cell_m: Annotated[float, Field(gt=0, description="edge length asked of a cell of the mapped grid")] = 1.0
     flow: Annotated[
-        Literal["auto", "x", "y"], Field(description="axis the channels run along; auto: that of the longer leg")
+        Literal["auto", "x", "y"], Field(description="axis the channels run along; auto: that of the shorter route")
     ] = "auto"
     keep_map: Annotated[
         bool, Field(description="keep the map in the user's cache for the next run of the same world")

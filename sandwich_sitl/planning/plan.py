@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.channels.check import check_map
-from sandwich_sitl.channels.flow import flow_along
 from sandwich_sitl.channels.map_file import map_key
 from sandwich_sitl.config import RunConfig
-from sandwich_sitl.errors import InputError, MapError
-from sandwich_sitl.planning.baselines import grid_astar
+from sandwich_sitl.errors import InputError, MapError, NoRouteError
+from sandwich_sitl.planning.baselines import grid_astar, path_length
 from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, FlightPlan, Reference
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.map_graph import build_map_graph
+from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph
 from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.proof import prove_corridor
 from sandwich_sitl.planning.reference import ground_of, paper_reference, timed_reference
-from sandwich_sitl.planning.routes import find_route, shortened
+from sandwich_sitl.planning.routes import Route, find_route, shortened
 from sandwich_sitl.planning.shortest import shortest_path
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.world import World
@@ -60,11 +59,9 @@ def plan_flight(
     grown = grow(world, planner.vehicle_radius_m + planner.margin_m, detail)
     check_ends(config, grown)
     on_stage("channel map")
-    channel_map = _checked_map(config, grown, maps)
-    on_stage("route")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
-    map_graph = build_map_graph(channel_map)
-    sandwich = find_route(channel_map, map_graph, start, goal)
+    channel_map, map_graph, sandwich = _map_and_route(config, grown, maps, start, goal)
+    on_stage("route")
     mesh = build_nav_mesh(grown)
     kind = "sandwich" if config.mode == "paper" else planner.route
     tight = None if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind)
@@ -119,17 +116,27 @@ def _ring(polygon: shapely.Polygon) -> Array:
     return np.asarray(shapely.get_coordinates(shapely.orient_polygons(polygon).exterior)[:-1])
 
 
-def _checked_map(config: RunConfig, grown: GrownWorld, maps: Maps | None) -> ChannelMap:
-    """The map along the configured flow; on `auto` along the longer leg, or across it where no channel passes that way."""
-    planner = config.planner
-    along = flow_along(config.start_m, config.goal_m)
-    flows: tuple[Flow, ...] = (along, "y" if along == "x" else "x") if planner.flow == "auto" else (planner.flow,)
+def _map_and_route(
+    config: RunConfig, grown: GrownWorld, maps: Maps | None, start: Array, goal: Array
+) -> tuple[ChannelMap, MapGraph, Route]:
+    """The checked map along the configured flow and its A* route; on `auto` of the flow whose route is shorter.
+
+    A map with channels goes before one without. Raises what the search raised when it finds no route on any map.
+    """
+    flows: tuple[Flow, ...] = ("x", "y") if config.planner.flow == "auto" else (config.planner.flow,)
+    found: list[tuple[ChannelMap, MapGraph, Route]] = []
+    refused: list[InputError | NoRouteError] = []
     for flow in flows:
         channel_map = _kept_map(config, grown, flow, maps)
-        if channel_map.channels:
-            break
-    check_map(channel_map)
-    return channel_map
+        check_map(channel_map)
+        map_graph = build_map_graph(channel_map)
+        try:
+            found.append((channel_map, map_graph, find_route(channel_map, map_graph, start, goal)))
+        except (InputError, NoRouteError) as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    return min(found, key=lambda tried: (not tried[0].channels, path_length(tried[2].points_m)))
 
 
 def _kept_map(config: RunConfig, grown: GrownWorld, flow: Flow, maps: Maps | None) -> ChannelMap:
