@@ -28,7 +28,7 @@ def lengths(channel_map: ChannelMap, start: np.ndarray, goal: np.ndarray) -> tup
         return np.inf, np.inf
     solid = shapely.union_all([polygon.buffer(-1e-6) for polygon in channel_map.grown.polygons])
     assert not LineString(route.points_m).intersects(solid)
-    tight = shortened(map_graph, build_nav_mesh(channel_map.grown), route, "tight", CELL_M)
+    tight = shortened(map_graph, build_nav_mesh(channel_map.grown), route, "tight")
     return path_length(route.points_m), path_length(tight.points_m)
 
 
