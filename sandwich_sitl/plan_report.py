@@ -1,8 +1,11 @@
 """The lines that `plan` prints: the map's figures and a table like the paper's Table I, with the exact optimum beside it."""
 
+import shapely
+
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.decomposition import areas_m2
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.outlines import Outlines
 
 
 def plan_report(plan: FlightPlan) -> str:
@@ -49,7 +52,8 @@ def plan_report(plan: FlightPlan) -> str:
 
 def _corridor_lines(plan: FlightPlan) -> list[str]:
     """Area per step beside the paper's quadrangle and a free-space decomposition, and what was proven."""
-    own, paper, free = areas_m2(plan)
+    outlines = Outlines([shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m)
+    own, paper, free = areas_m2(plan.reference, plan.corridor, outlines)
     lines = [
         f"corridor  {own:.1f} m2 a step; the paper's quadrangle {paper:.1f}, a free-space decomposition {free:.1f}"
     ]

@@ -30,6 +30,7 @@ HalfPlanes = list[tuple[Array, float]]
 
 FACES = 8
 SPEED_SHARE, SPEED_MORE_MPS = 1.25, 0.05  # the flown speed is at most this share of the reference's and this more
+SAFE_SHARE = 0.8  # of a clearance: what is kept for between samples
 _STRETCH_M = 1.0
 _HAIR_M = 1e-6
 REACH_M = 6.0  # how far a region may reach from its seed
@@ -93,7 +94,12 @@ def between_samples_m(speed_mps: Array, interval_s: float) -> Array:
     return np.asarray((SPEED_SHARE * speed_mps + SPEED_MORE_MPS) * interval_s / 2)
 
 
-def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = 0.8) -> Array:
+def safe_clearance_m(speed_mps: Array, interval_s: float) -> Array:
+    """Clearance of which `between_samples_m` takes the usual share: the inverse of `safe_speed_mps`."""
+    return np.asarray(between_samples_m(speed_mps, interval_s) / SAFE_SHARE)
+
+
+def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = SAFE_SHARE) -> Array:
     """Speed at which `between_samples_m` takes this share of the clearance."""
     return np.asarray(np.maximum((share * clearance_m * 2 / interval_s - SPEED_MORE_MPS) / SPEED_SHARE, 0.0))
 

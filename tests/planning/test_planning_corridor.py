@@ -260,8 +260,9 @@ def test_sound_quadrangles_are_convex_and_hold_the_stretch() -> None:
 
 
 def test_region_holds_the_papers_quadrangle_where_that_is_sound_and_the_corridor_is_wider() -> None:
-    plan = plan_flight(config(0.5), World(BOUNDS, (Obstacle("o", box(25, 15, 35, 25)),)), lambda _: None)
-    own, paper, free = areas_m2(plan)
+    body = box(25, 15, 35, 25)
+    plan = plan_flight(config(0.5), World(BOUNDS, (Obstacle("o", body),)), lambda _: None)
+    own, paper, free = areas_m2(plan.reference, plan.corridor, Outlines([body], RADIUS_M))
     assert own > 5 * paper
     assert own > 0.5 * free
     assert free <= (2 * 6 + 12) ** 2
