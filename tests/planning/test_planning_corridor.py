@@ -17,6 +17,7 @@ from sandwich_sitl.planning.corridor import (
     FACES,
     between_samples_m,
     hull,
+    nearest_places,
     neighbouring_quadrangle,
     paper_corridor,
     safe_speed_mps,
@@ -248,6 +249,19 @@ def test_quadrangles_are_counter_clockwise_and_hold_their_node() -> None:
                 neighbouring_quadrangle(channel_map, (d, i, j)),
                 [xy[i - 1, j - 1], xy[i + 1, j - 1], xy[i + 1, j + 1], xy[i - 1, j + 1]],
             )
+
+
+@pytest.mark.parametrize("split", [False, True], ids=["channels", "bays alone"])
+def test_nearest_places_are_those_that_a_look_at_every_node_finds(split: bool) -> None:
+    walls = [box(28, -5, 32, 45), box(-5, 18, 65, 22)] if split else [box(28, 10, 32, 30)]
+    obstacles = tuple(Obstacle(f"w{k}", wall) for k, wall in enumerate(walls))
+    channel_map = build_channel_map(grow(World(BOUNDS, obstacles), 1.0, 0.1), 1.5, 5)
+    assert (channel_map.channels == 0) is split
+    grids = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
+    nodes = np.concatenate([grid.reshape(-1, 2) for grid in grids])
+    points = np.random.default_rng(1).uniform((2, 2), (26, 16), (40, 2))
+    for point, (b, i, j) in zip(points, nearest_places(channel_map, points), strict=True):
+        assert np.hypot(*(grids[b][i, j] - point)) == pytest.approx(np.nanmin(np.hypot(*(nodes - point).T)))
 
 
 def test_sound_quadrangles_are_convex_and_hold_the_stretch() -> None:
