@@ -34,6 +34,7 @@ _REACHES_M = (2.5, 1.0, 0.4, 0.15, 0.05)  # half widths of the boxes that bound 
 _FACES = 8
 _CHECK_M = 0.05
 _BULGE = 1.05  # the samples keep this much more, for what the curve does between them
+_BERTHS = (1.0, 0.5, 0.25, 0.0)  # of the wished one, tried in turn: a berth may cost more way than it saves time
 _BERTH_PER_M = 0.25  # of way from the nearer end: near an end the vehicle is slow, and the end itself is where it is
 _SLACK_M = 0.01  # by which the curve may come nearer than asked between the samples that hold it
 
@@ -59,8 +60,8 @@ def smooth_route(
         nearest = outlines.distance_m(route)
         raise MapError(f"route: passes {nearest:.3f} m from an obstacle grown by the vehicle's radius")
     berth = max(0.0, wished_clearance_m - least_clearance_m)
-    for berth_m in (berth, 0.0) if berth > 0.0 else (0.0,):
-        kept = _Kept(outlines, bounds, least_clearance_m, berth_m)
+    for share in _BERTHS if berth > 0.0 else (0.0,):
+        kept = _Kept(outlines, bounds, least_clearance_m, share * berth)
         curve = _smoothed(route, kept, bending_m, departure)
         if curve is not None:
             return curve
@@ -78,12 +79,15 @@ class _Kept:
 
 
 def _smoothed(route: Array, kept: _Kept, bending_m: float, departure: Departure | None) -> BSpline | None:
-    """The curve with the coarsest knots that are fine enough, bent as little as its length allows."""
+    """The curve with the coarsest knots that are fine enough, bent as little as its length allows.
+
+    None when there is none. With a berth it must be coarse and short enough: a lesser berth is the better remedy.
+    """
     legs = np.diff(route, axis=0)
     length = float(np.hypot(*legs.T).sum())
     turns = np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0])))
     longest = _LONGEST * (length + kept.berth_m * float(np.abs(turns).sum()))  # round a corner at the berth's radius
-    for knots_m in _KNOTS_M:
+    for knots_m in _KNOTS_M[:1] if kept.berth_m > 0.0 else _KNOTS_M:
         spline = _Spline(length, knots_m)
         shortest: BSpline | None = None
         for weight in _WEIGHTS:
@@ -94,7 +98,7 @@ def _smoothed(route: Array, kept: _Kept, bending_m: float, departure: Departure 
             shortest = curve
             if _curve_length(curve) <= longest:
                 return curve
-        if shortest is not None:
+        if shortest is not None and kept.berth_m == 0.0:
             return shortest
     return None
 
