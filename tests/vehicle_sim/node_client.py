@@ -10,7 +10,11 @@ from vehicle_sim.protocol.node import Node
 
 CLIENT, OTHER = "client", "other"
 EXACT = SensorsConfig(
-    estimate_position_std_m=0, estimate_velocity_std_mps=0, estimate_attitude_std_rad=0, gyroscope_std_radps=0
+    estimator="error_model",
+    estimate_position_std_m=0,
+    estimate_velocity_std_mps=0,
+    estimate_attitude_std_rad=0,
+    gyroscope_std_radps=0,
 )
 
 

@@ -100,7 +100,7 @@ def test_row_05_accelerations_fly_without_a_position_and_positions_do_not() -> N
         client = in_offboard(new_client(parameters={"SYS_FAILURE_EN": 1}))
         assert client.results(420, 4, 1) == [0]
         position = (0.0, 0.0, -3.0)
-        heard = stream(client, 1.5, setpoint(position, mask=mask))
+        heard = stream(client, 6.5, setpoint(position, mask=mask))
         assert beat(heard)[0] == flown
 
 

@@ -12,12 +12,11 @@ from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.flight import advance
-from vehicle_sim.noise import NoiseTable
-from vehicle_sim.parts import FailureConfig, SensorsConfig, WindConfig
+from vehicle_sim.noise import NOISE_COLUMNS, NoiseTable
+from vehicle_sim.parts import FailureConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.protocol.payloads import base_length, payload_of
-from vehicle_sim.surroundings import NOISE_COLUMNS
 from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle
 
@@ -28,7 +27,7 @@ STILL = (0.0, 0.0, 0.0)
 def flying() -> Vehicle:
     """In the air under OFFBOARD, in wind, off its setpoint."""
     wind = WindConfig((3.0, 1.0, 0.0), (1.0, 1.0, 0.5), dryden_w20_mps=8.0)
-    vehicle = Vehicle(VehicleConfig(wind=wind, sensors=SensorsConfig(estimator="filter")), 3)
+    vehicle = Vehicle(VehicleConfig(wind=wind), 3)
     for k in range(500):
         vehicle.autopilot.receive_setpoint(
             SetpointMessage(1, 0, (2.0, 1.0, -4.0), (0.5, 0.0, 0.0), STILL, 0.7, 0.1), vehicle.estimate
@@ -94,7 +93,6 @@ def digest_of_a_flight(seed: int) -> str:
     """Every frame of twelve seconds with wind, failures and an estimator, as one number."""
     config = VehicleConfig(
         wind=WindConfig((2.0, 1.0, 0.0), dryden_w20_mps=6.0),
-        sensors=SensorsConfig(estimator="filter"),
         failures=(FailureConfig(at_s=9.0, part="gps"), FailureConfig(at_s=10.0, part="motor", instance=2)),
     )
     node = Node(Vehicle(config, seed), lockstep=True)
