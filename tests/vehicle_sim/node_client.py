@@ -29,13 +29,19 @@ class Client:
 
     def send(self, message: Any) -> list[Any]:
         """Send, and return what comes back at once."""
-        for received in self.codec.decode(message.pack(self.mav)):
-            self.node.handle(self.name, received)
+        self.post(message)
         return self.receive()
 
+    def post(self, message: Any) -> None:
+        for received in self.codec.decode(message.pack(self.mav)):
+            self.node.handle(self.name, received)
+
+    def take(self) -> list[bytes]:
+        """The frames that wait."""
+        return self.node.take(self.node.session(self.name))
+
     def receive(self) -> list[Any]:
-        frames = self.node.take(self.node.session(self.name))
-        return [received.message for frame in frames for received in self.codec.decode(frame)]
+        return [received.message for frame in self.take() for received in self.codec.decode(frame)]
 
     def run(self, seconds: float) -> list[Any]:
         self.node.advance_to(self.node.vehicle.t_us + round(seconds * 1e6))

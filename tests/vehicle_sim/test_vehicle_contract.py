@@ -233,6 +233,9 @@ def test_row_16_rates_within_five_percent(client: Client) -> None:
         "SCALED_PRESSURE": 1, "HOME_POSITION": 0.5, "BATTERY_STATUS": 0.5, "VIBRATION": 0.5,
     }  # fmt: skip
     assert {name: counts[name] / 20 for name in expected} == pytest.approx(expected, rel=0.05)
+    client.node.advance_to(client.node.vehicle.t_us + 20_000_000)
+    frames = client.take()
+    assert sum(frame[7:10] == (436).to_bytes(3, "little") for frame in frames) == 10  # CURRENT_MODE
 
 
 def test_row_17_ports_of_instances() -> None:
