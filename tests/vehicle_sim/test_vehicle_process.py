@@ -32,6 +32,7 @@ seed: 3
 world: {anything: of no concern}
 vehicle:
   parameters: {RTL_RETURN_ALT: 5.0}
+  sensors: {estimator: error_model}
 """
 IDLE = 0xDFF
 POINT = (2.0, 1.0, -3.0)
