@@ -38,6 +38,7 @@ __all__ = [
     "MpcConfig",
     "ObstacleConfig",
     "PlannerConfig",
+    "ReplanConfig",
     "RunConfig",
     "WorldConfig",
     "ZenohConfig",
@@ -123,6 +124,22 @@ class AssuranceConfig:
 
 
 @dataclass(frozen=True, config=STRICT)
+class ReplanConfig:
+    """What happens when an obstacle is reported in flight."""
+
+    budget_s: Annotated[
+        float, Field(ge=0.06, le=5, description="from a report to the first set-point of the new plan, run clock")
+    ] = 0.15
+    tries: Annotated[int, Field(ge=1, le=10, description="how often a late plan is asked for again")] = 4
+    sensor_tolerance_m: Annotated[
+        float, Field(gt=0, description="a range sensor's return this near a known obstacle is that obstacle's")
+    ] = 0.5
+    sensor_depth_m: Annotated[
+        float, Field(gt=0, description="how far an obstacle is taken to reach behind the face that a sensor sees")
+    ] = 1.0
+
+
+@dataclass(frozen=True, config=STRICT)
 class MissionConfig:
     """Limits and deadlines of the mission, in seconds of the run's clock."""
 
@@ -198,6 +215,7 @@ class RunConfig:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     assurance: AssuranceConfig = field(default_factory=AssuranceConfig)
+    replan: ReplanConfig = field(default_factory=ReplanConfig)
     mission: MissionConfig = field(default_factory=MissionConfig)
     vehicle: dict[str, Any] = field(default_factory=dict)
     link: LinkConfig = field(default_factory=LinkConfig)
