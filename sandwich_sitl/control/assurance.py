@@ -47,6 +47,7 @@ class Fault(StrEnum):
     NOT_FINITE = "the plan is not finite"
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
+    OBSTACLE = "an obstacle has appeared on the way"
 
 
 @dataclass(frozen=True)

@@ -76,12 +76,18 @@ class Tracker:
         self._stop: StopPlan | None = None
         self._stop_began_s = 0.0
         self._stop_sigma: Callable[[Array], Array] = self.clock.ahead
+        self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
         self._last_s = -self._period_s
 
     @property
     def finished(self) -> bool:
         """Whether the reference has come to its end."""
         return self.clock.t_s >= float(self._reference.t_s[-1])
+
+    def adopt(self, reference: Reference, corridor: Corridor) -> None:
+        """Fly another reference, which agrees with the present one up to the reference's present time and on."""
+        self._reference, self._corridor = reference, corridor
+        self.way_is_barred = False
 
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
@@ -134,6 +140,8 @@ class Tracker:
 
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
+        if self.way_is_barred:
+            return self._mpc.no_solution(), None, Fault.OBSTACLE
         offset, delay = self.estimator.offset_m, self.estimator.delay_s
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
