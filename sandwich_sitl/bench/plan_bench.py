@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 EXACT, GRID, WIDE_GRID = "exact", "grid A*", "grid A*, 16 neighbours"
-SANDWICH, CLASS, TIGHT = "Sandwich A*", "  its class, tight", "tight"
+NARROW, SANDWICH = "Sandwich A*, 8 neighbours", "Sandwich A*"
+CLASS, TIGHT = "  its class, tight", "tight"
 _REPEATS = 3
 _PEER_QUERIES = 5
 _LEAST_ROWS = 5
@@ -124,6 +125,7 @@ class _Bench:
         build_map_graph(self.channel_map)
         self.map_graph = self.timed("graph", lambda: build_map_graph(self.channel_map))
         self.timed("index", lambda: self.map_graph.cells)
+        self.narrow_graph = build_map_graph(self.channel_map, wide=False)
         self.mesh = self.timed("mesh", lambda: build_nav_mesh(grown))
         x_min, y_min, x_max, y_max = grown.bounds_m
         in_free = len(self.map_graph.graph.xy_m) / grown.free_area_m2
@@ -156,6 +158,7 @@ class _Bench:
             EXACT: exact,
             GRID: self.grid.path,
             WIDE_GRID: self.wide_grid.path,
+            NARROW: lambda start, goal: find_route(self.channel_map, self.narrow_graph, start, goal).points_m,
             SANDWICH: lambda start, goal: self.sandwich(start, goal).points_m,
             CLASS: lambda start, goal: in_its_class(map_graph, mesh, self.sandwich(start, goal)),
             TIGHT: lambda start, goal: shortened(map_graph, mesh, self.sandwich(start, goal), "tight").points_m,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.bench.plan_bench import CLASS, GRID, SANDWICH, TIGHT, WIDE_GRID, Score, WorldScores
+from sandwich_sitl.bench.plan_bench import CLASS, GRID, NARROW, SANDWICH, TIGHT, WIDE_GRID, Score, WorldScores
 from sandwich_sitl.bench.plan_flights import FlightScores
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def _world_lines(result: WorldScores) -> list[str]:
     return [
         f"{result.world}: {result.nodes} nodes, {result.queries} queries",
         f"  prepared  {prepared}",
-        f"  {'':24} length/exact mean     p95   worst  as short   no path   ms p50     p99",
+        f"  {'':25} length/exact mean     p95   worst  as short   no path   ms p50     p99",
         *map(_score_line, result.scores),
         *map(_flight_line, result.flights),
     ]
@@ -38,9 +38,9 @@ def _world_lines(result: WorldScores) -> list[str]:
 def _score_line(score: Score) -> str:
     ratios, times = score.found, np.array(score.times_ms)
     if not len(ratios):
-        return f"  {score.method:24} found no path"
+        return f"  {score.method:25} found no path"
     return (
-        f"  {score.method:24} {ratios.mean():17.5f} {np.percentile(ratios, 95):7.4f} {ratios.max():7.4f}"
+        f"  {score.method:25} {ratios.mean():17.5f} {np.percentile(ratios, 95):7.4f} {ratios.max():7.4f}"
         f" {_same_class(ratios):7.1f} %  {len(score.ratios) - len(ratios):8d}"
         f" {np.median(times):8.2f} {np.percentile(times, 99):7.2f}"
     )
@@ -79,7 +79,8 @@ def _over_all(results: Sequence[WorldScores]) -> list[str]:
         lines = [
             f"Sandwich A* is shorter than {GRID} in {_share(sandwich_m, grid_m)} of queries, than {WIDE_GRID} in "
             f"{_share(sandwich_m, wide_m)} ({wide_m.mean():.2f} m on average)",
-            *(f"{_all_ratios(results, method)}" for method in (SANDWICH, CLASS, TIGHT)),
+            "over the exact length, all queries:",
+            *(_all_ratios(results, method) for method in (GRID, WIDE_GRID, NARROW, SANDWICH, CLASS, TIGHT)),
         ]
     table_one = [
         f"  {name:8} {existing:11.2f} m {sandwich:11.2f} m   {100 * (existing - sandwich) / existing:.2f} % of the "
@@ -95,10 +96,9 @@ def _share(shorter: Array, longer: Array) -> str:
 
 def _all_ratios(results: Sequence[WorldScores], method: str) -> str:
     ratios = np.concatenate([result.of(method).found for result in results])
+    lost = sum(len(result.of(method).ratios) for result in results) - len(ratios)
+    in_class = f", optimal homotopy class in {_same_class(ratios):.1f} %" if method in (CLASS, TIGHT) else ""
     return (
-        f"{method.strip()} over the exact length: mean {ratios.mean():.5f}, p95 {np.percentile(ratios, 95):.4f}, worst "
-        f"{ratios.max():.4f}; optimal homotopy class in {_same_class(ratios):.1f} % of {len(ratios)} queries"
-        if method != SANDWICH
-        else f"{method} over the exact length: mean {ratios.mean():.4f}, p95 {np.percentile(ratios, 95):.4f}, worst "
-        f"{ratios.max():.4f}"
+        f"  {method:25} mean {ratios.mean():.5f}, p95 {np.percentile(ratios, 95):.4f}, worst {ratios.max():.4f}{in_class}"
+        f", {lost} of {lost + len(ratios)} without a path"
     )

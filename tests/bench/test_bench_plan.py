@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sandwich_sitl.bench.plan_bench import CLASS, EXACT, GRID, SANDWICH, TIGHT, WIDE_GRID, Score, WorldScores
+from sandwich_sitl.bench.plan_bench import CLASS, EXACT, GRID, NARROW, SANDWICH, TIGHT, WIDE_GRID, Score, WorldScores
 from sandwich_sitl.bench.plan_flights import FlightScores
 from sandwich_sitl.bench.plan_peers import peers
 from sandwich_sitl.bench.plan_table import table
@@ -55,7 +55,15 @@ def test_a_configuration_a_map_file_and_a_random_world(tmp_path: Path, capsys: p
 def test_table_of_known_numbers() -> None:
     line = np.array([[0.0, 0.0], [10.0, 0.0]])
     scores = []
-    for method, factor in ((EXACT, 1.0), (GRID, 1.1), (WIDE_GRID, 1.02), (SANDWICH, 1.0), (CLASS, 1.0), (TIGHT, 1.0)):
+    for method, factor in (
+        (EXACT, 1.0),
+        (GRID, 1.1),
+        (WIDE_GRID, 1.02),
+        (NARROW, 1.05),
+        (SANDWICH, 1.0),
+        (CLASS, 1.0),
+        (TIGHT, 1.0),
+    ):
         score = Score(method)
         score.add(10.0, factor * line, 2.0)
         score.add(10.0, None if method == SANDWICH else factor * line, 4.0)
@@ -64,11 +72,13 @@ def test_table_of_known_numbers() -> None:
     lines = table([WorldScores("w", 100, 2, {"map": 1.0}, tuple(scores), (flight,))]).splitlines()
     assert lines[0] == "w: 100 nodes, 2 queries"
     assert lines[4].split() == ["grid", "A*", "1.10000", "1.1000", "1.1000", "0.0", "%", "0", "3.00", "3.98"]
-    assert lines[6].split()[2:] == ["1.00000", "1.0000", "1.0000", "100.0", "%", "1", "3.00", "3.98"]
-    assert "duration/time-optimal 1.050, worst 1.100; curve/route 1.0200; corridor 25.0 m2 a step, quad" in lines[9]
-    assert "9.09 % of the existing A*'s, 10.00 % of the Sandwich A*'s" in lines[-5]
-    assert "shorter than grid A* in 100.0 % of queries, than grid A*, 16 neighbours in 100.0 %" in lines[-4]
-    assert lines[-1].endswith("mean 1.00000, p95 1.0000, worst 1.0000; optimal homotopy class in 100.0 % of 2 queries")
+    assert lines[7].split()[2:] == ["1.00000", "1.0000", "1.0000", "100.0", "%", "1", "3.00", "3.98"]
+    assert "duration/time-optimal 1.050, worst 1.100; curve/route 1.0200; corridor 25.0 m2 a step, quad" in lines[10]
+    assert "9.09 % of the existing A*'s, 10.00 % of the Sandwich A*'s" in lines[-9]
+    assert "shorter than grid A* in 100.0 % of queries, than grid A*, 16 neighbours in 100.0 %" in lines[-8]
+    assert "mean 1.10000, p95 1.1000, worst 1.1000, 0 of 2 without a path" in lines[-6]
+    assert lines[-3].endswith("worst 1.0000, 1 of 2 without a path")
+    assert lines[-1].endswith("worst 1.0000, optimal homotopy class in 100.0 %, 0 of 2 without a path")
 
 
 def test_the_same_question_to_every_peer_at_hand() -> None:
