@@ -108,8 +108,9 @@ class MpcConfig:
 class TrackingConfig:
     """What closes the loop round the plan: offset, delay and motion of the vehicle."""
 
-    observer_radps: Annotated[float, Field(gt=0, description="rate at which an offset is taken out")] = 2.0
-    motion_radps: Annotated[float, Field(gt=0, description="bandwidth of estimated acceleration and jerk")] = 6.0
+    motion_radps: Annotated[
+        float, Field(gt=0, description="bandwidth of the vehicle's estimated motion, and so of the offset aimed off")
+    ] = 8.0
     delay_s: Annotated[
         float | None, Field(ge=0, le=0.3, description="from a set-point to the motion it asks for; null: measured")
     ] = None

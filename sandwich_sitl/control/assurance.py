@@ -85,7 +85,9 @@ outside: Callable[[Array, Array, Array, Indices], tuple[float, float]] = numba.n
 
 
 def examine(states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds) -> Fault:
-    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (3,)."""
+    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (m, 3)
+    or (3,).
+    """
     if not np.isfinite(states).all():
         return Fault.NOT_FINITE
     squares = states[:, 3:] ** 2

@@ -198,8 +198,9 @@ def _mpc_section(log: RunLog) -> Section:
 def _assurance_section(log: RunLog) -> Section:
     """Ticks on each rung of the ladder, how often a plan was refused and how often accepted again, faults in ticks."""
     rung = log.control.rung
-    fell = int(np.count_nonzero((rung[1:] > 0) & (rung[:-1] == 0))) if rung.size else 0
-    rose = int(np.count_nonzero((rung[1:] == 0) & (rung[:-1] > 0))) if rung.size else 0
+    before = np.concatenate([[0], rung[:-1]])  # a flight that begins without a plan has fallen back too
+    fell = int(np.count_nonzero((rung > 0) & (before == 0))) if rung.size else 0
+    rose = int(np.count_nonzero((rung == 0) & (before > 0))) if rung.size else 0
     return {
         "plan": int(np.count_nonzero(rung == 0)),
         "shifted": int(np.count_nonzero(rung == 1)),
