@@ -137,15 +137,16 @@ class Tracker:
         offset, delay = self.estimator.offset_m, self.estimator.delay_s
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
-        solution = self._mpc.solve(self.command, desired - offset, Lambda, Gamma - Lambda @ offset[:2])
+        band = self._corridor.z_m[region] - offset[2] if len(self._corridor.z_m) else None
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, Gamma - Lambda @ offset[:2], band)
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
         stop = stop_along(knots, solution.snap, self._mpc.step_s, dt, self._brake_mps2)
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
         _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
-        corridor = self._corridor
-        fault = examine(stop.states(times), offset, corridor.Lambda, corridor.Gamma, along, self._bounds)
+        Lambda, Gamma, z_m = self._corridor.Lambda, self._corridor.Gamma, self._corridor.z_m
+        fault = examine(stop.states(times), offset, Lambda, Gamma, along, self._bounds, z_m)
         return solution, stop if fault is Fault.NONE else None, fault
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:

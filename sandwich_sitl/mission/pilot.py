@@ -152,6 +152,7 @@ def _check_room(config: RunConfig) -> None:
     for key, plan, reference in (
         ("speed_mps", config.mpc.speed_mps, config.planner.speed_mps),
         ("acceleration_mps2", motion_limits(config.mpc).acceleration_mps2, config.planner.acceleration_mps2),
+        ("climb_mps", config.mpc.climb_mps, config.planner.climb_mps),
     ):
         if plan < reference:
             raise InputError(

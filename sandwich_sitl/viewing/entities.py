@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines, grid_lines, obstacle_heights, prism, unbroken
+from sandwich_sitl.recording.scene import (
+    bay_lines,
+    dividing_streamlines,
+    grid_lines,
+    lift,
+    obstacle_heights,
+    prism,
+    region_lines,
+    unbroken,
+)
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
@@ -65,14 +74,16 @@ class EntityLog:
         self.columns("/world/horizon", t_s, rr.LineStrips3D.columns(strips=list(strips_m)))
         self.columns("/motion/horizon", t_s, rr.LineStrips2D.columns(strips=flat))
 
-    def region(self, t_s: Array, rings_m: Sequence[Array], altitude_m: float) -> None:
-        """The convex region in force, one closed ring (F, 2) a time."""
+    def region(self, t_s: Array, plan: FlightPlan, regions: Sequence[int]) -> None:
+        """The convex region in force, one a time."""
         import rerun as rr
 
-        rings = [close_ring(ring) for ring in rings_m]
-        lifted = [lift(ring, altitude_m) for ring in rings]
-        self.columns("/world/region", t_s, rr.LineStrips3D.columns(strips=lifted))
-        self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=[ring * DOWN for ring in rings]))
+        edges = [region_lines(plan, region) for region in regions]
+        counts = [len(lines) for lines in edges]
+        strips = [line for lines in edges for line in lines]
+        self.columns("/world/region", t_s, rr.LineStrips3D.columns(strips=strips).partition(counts))
+        rings = [close_ring(plan.corridor.polygons_m[region]) * DOWN for region in regions]
+        self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=rings))
 
     def scalars(self, entity: str, t_s: Array, values: Array) -> None:
         """A time series (K,)."""
@@ -130,7 +141,10 @@ def log_plan(log: EntityLog, plan: FlightPlan) -> None:
         ("tight", plan.tight_m, VIOLET),
         ("sandwich", plan.sandwich_m, BLUE),
     ):
-        _lines(log, f"route/{name}", [xy], colour, 1.5, z_m=plan.altitude_m)
+        _lines(log, f"route/{name}", [xy], colour, 1.5, z_m=plan.map_altitude_m)
+    if plan.floors is not None:
+        style = {"colors": [VIOLET], "radii": [rr.Radius.ui_points(1.5)]}
+        log.static("/world/route/reference", rr.LineStrips3D([plan.path_m], **style))
     _log_planning_space(log, plan)
 
 
@@ -190,8 +204,3 @@ def _lines(
 def close_ring(ring: Array) -> Array:
     """The ring with its first point repeated at the end."""
     return np.vstack([ring, ring[:1]])
-
-
-def lift(xy_m: Array, z_m: float) -> Array:
-    """Points (N, 2) at one height: (N, 3)."""
-    return np.column_stack([xy_m, np.full(len(xy_m), z_m)])

@@ -96,8 +96,7 @@ class LiveEntities:
             self._entities.scalars(f"/series/snap/{name}", t_s, np.array([getattr(message, f"snap_{name}_mps4")]))
         if self._plan is not None and message.region >= 0 and message.region != self._region:
             self._region = message.region
-            ring = self._plan.corridor.polygons_m[self._region]
-            self._entities.region(t_s, [ring], self._plan.altitude_m)
+            self._entities.region(t_s, self._plan, [self._region])
 
 
 def watch(

@@ -8,14 +8,13 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.errors import InputError, SandwichError
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.summary import tracking_error
 from sandwich_sitl.recording.tracks import ControlTrack, PoseTrack
@@ -98,8 +97,7 @@ def _log_control(entities: EntityLog, control: ControlTrack, plan: FlightPlan | 
         return
     changed = np.flatnonzero(np.diff(control.region, prepend=-1) != 0)
     changed = changed[control.region[changed] >= 0]
-    rings = [plan.corridor.polygons_m[region] for region in control.region[changed]]
-    entities.region(control.t_s[changed], rings, plan.altitude_m)
+    entities.region(control.t_s[changed], plan, control.region[changed].tolist())
 
 
 def _log_series(entities: EntityLog, log: RunLog) -> None:
@@ -120,8 +118,8 @@ def _clearance(log: RunLog) -> tuple[Array, Array]:
         return log.control.t_s[known], log.control.clearance_m[known]
     if not log.plan.obstacles_m:
         return np.empty(0), np.empty(0)
-    obstacles: Any = shapely.union_all([shapely.Polygon(ring) for ring in log.plan.obstacles_m])
-    return log.truth.t_s, shapely.distance(obstacles, shapely.points(log.truth.r_m[:, :2]))
+    obstacles = Prisms(log.plan.obstacles_m, log.plan.blocking_heights_m)
+    return log.truth.t_s, obstacles.distance_m(log.truth.r_m)
 
 
 def _log_mission(entities: EntityLog, log: RunLog) -> None:
