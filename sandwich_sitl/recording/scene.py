@@ -60,19 +60,18 @@ def map_update(plan: FlightPlan, t_ns: int) -> bytes:
         for line in lines:
             _line(entity, lift(line, plan.map_altitude_m), colour, closed=closed)
     entity = _entity(update, "regions", t_ns)
-    for region in range(len(plan.corridor.polygons_m)):
-        for line in region_lines(plan, region):
+    for number, ring in enumerate(plan.corridor.polygons_m):
+        for line in region_lines(ring, plan.altitude_m, plan.corridor.z_m[number : number + 1]):
             _line(entity, line, _REGION, closed=False)
     return update.SerializeToString()
 
 
-def region_lines(plan: FlightPlan, region: int) -> list[Array]:
-    """Closed outline (F + 1, 3) of a region at the flight altitude, or the edges of the prism that it is."""
-    ring = plan.corridor.polygons_m[region]
+def region_lines(ring: Array, altitude_m: float, z_m: Array) -> list[Array]:
+    """Closed outline (F + 1, 3) of a region at an altitude, or the edges of the prism when it has altitudes (1, 2)."""
     closed = np.vstack([ring, ring[:1]])
-    if not len(plan.corridor.z_m):
-        return [lift(closed, plan.altitude_m)]
-    low, high = (lift(closed, z_m) for z_m in plan.corridor.z_m[region].tolist())
+    if not len(z_m):
+        return [lift(closed, altitude_m)]
+    low, high = (lift(closed, z) for z in z_m[0].tolist())
     return [low, high, *np.stack([low[:-1], high[:-1]], axis=1)]
 
 

@@ -32,6 +32,7 @@ GRID_LINES = 40  # at most this many lines of each family
 DARK, RED, GREY = (225, 225, 225), (120, 50, 50), (120, 125, 135)
 BLUE, ORANGE, GREEN, YELLOW, VIOLET = (60, 140, 245), (240, 140, 30), (60, 190, 110), (245, 200, 0), (200, 110, 240)
 DOWN = np.array([1.0, -1.0])
+_ONE_ALTITUDE = np.empty((0, 2))
 
 
 class EntityLog:
@@ -74,15 +75,14 @@ class EntityLog:
         self.columns("/world/horizon", t_s, rr.LineStrips3D.columns(strips=list(strips_m)))
         self.columns("/motion/horizon", t_s, rr.LineStrips2D.columns(strips=flat))
 
-    def region(self, t_s: Array, plan: FlightPlan, regions: Sequence[int]) -> None:
-        """The convex region in force, one a time."""
+    def region(self, t_s: Array, rings_m: Sequence[Array], altitude_m: float, z_m: Array = _ONE_ALTITUDE) -> None:
+        """The convex region in force, one ring (F, 2) a time; a prism where regions have altitudes, `z_m` (K, 2)."""
         import rerun as rr
 
-        edges = [region_lines(plan, region) for region in regions]
-        counts = [len(lines) for lines in edges]
-        strips = [line for lines in edges for line in lines]
-        self.columns("/world/region", t_s, rr.LineStrips3D.columns(strips=strips).partition(counts))
-        rings = [close_ring(plan.corridor.polygons_m[region]) * DOWN for region in regions]
+        edges = [region_lines(ring, altitude_m, z_m[number : number + 1]) for number, ring in enumerate(rings_m)]
+        strips = rr.LineStrips3D.columns(strips=[line for lines in edges for line in lines])
+        self.columns("/world/region", t_s, strips.partition([len(lines) for lines in edges]))
+        rings = [close_ring(ring) * DOWN for ring in rings_m]
         self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=rings))
 
     def scalars(self, entity: str, t_s: Array, values: Array) -> None:

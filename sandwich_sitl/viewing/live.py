@@ -96,7 +96,9 @@ class LiveEntities:
             self._entities.scalars(f"/series/snap/{name}", t_s, np.array([getattr(message, f"snap_{name}_mps4")]))
         if self._plan is not None and message.region >= 0 and message.region != self._region:
             self._region = message.region
-            self._entities.region(t_s, self._plan, [self._region])
+            ring = self._plan.corridor.polygons_m[self._region]
+            z_m = self._plan.corridor.z_m[self._region : self._region + 1]
+            self._entities.region(t_s, [ring], self._plan.altitude_m, z_m)
 
 
 def watch(

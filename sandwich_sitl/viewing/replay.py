@@ -97,7 +97,9 @@ def _log_control(entities: EntityLog, control: ControlTrack, plan: FlightPlan | 
         return
     changed = np.flatnonzero(np.diff(control.region, prepend=-1) != 0)
     changed = changed[control.region[changed] >= 0]
-    entities.region(control.t_s[changed], plan, control.region[changed].tolist())
+    rings = [plan.corridor.polygons_m[region] for region in control.region[changed]]
+    z_m = plan.corridor.z_m[control.region[changed]] if len(plan.corridor.z_m) else plan.corridor.z_m
+    entities.region(control.t_s[changed], rings, plan.altitude_m, z_m)
 
 
 def _log_series(entities: EntityLog, log: RunLog) -> None:
