@@ -247,7 +247,10 @@ class RunConfig:
         floors_m = list(self.planner.floors_m)
         if not floors_m:
             if self.landing_altitude_m != self.altitude_m:
-                raise wrong("goal_altitude_m", f"differs from altitude_m; that takes planner.floors_m{_both(self)}")
+                low, high = sorted((self.altitude_m, self.landing_altitude_m))
+                raise wrong(
+                    "goal_altitude_m", f"differs from altitude_m; that takes planner.floors_m: [{low:g}, {high:g}]"
+                )
             return self
         if self.mode == "paper":
             raise wrong("planner.floors_m", "belongs to mode: timed; the paper's pipeline has one altitude")
@@ -262,10 +265,6 @@ class RunConfig:
                 "remove it, or set altitude_m to it",
             )
         return self
-
-
-def _both(config: RunConfig) -> str:
-    return f": {sorted({config.altitude_m, config.landing_altitude_m})}"
 
 
 _ADAPTER = TypeAdapter(RunConfig)

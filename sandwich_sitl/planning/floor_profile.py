@@ -84,7 +84,9 @@ def _profile(u: Array, needed: Array, ends: Ends, slope: float, bend_m: float, a
     step = float(u[1] - u[0])
     half = int(np.ceil(bend_m / 2 / step))
     wide = maximum_filter1d(needed, 2 * (int(np.ceil(ahead_m / step)) + 2 * half) + 1, mode="nearest")
-    wide[0], wide[-1] = max(wide[0], ends.start_m), max(wide[-1], ends.goal_m)
+    averaged = 2 * half + 1  # what is averaged at an end: both ends stay where they are
+    wide[:averaged] = np.maximum(wide[:averaged], ends.start_m)
+    wide[-averaged:] = np.maximum(wide[-averaged:], ends.goal_m)
     least = np.minimum(_highest_so_far(wide), _highest_so_far(wide[::-1])[::-1])
     ramp = slope * u
     falling = _highest_so_far(least + ramp) - ramp
