@@ -91,7 +91,12 @@ class PlannerConfig:
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
     jerk_mps3: Annotated[float, Field(ge=0.1, le=500)] = 10.0
     snap_mps4: Annotated[float, Field(ge=0.1, le=5000)] = 60.0
-    climb_mps: Annotated[float, Field(ge=0.1, le=10, description="vertical speed, up and down")] = 1.5
+    climb_mps: Annotated[
+        float, Field(ge=0.1, le=10, description="vertical speed; below the autopilot's (PX4: MPC_Z_VEL_MAX_UP)")
+    ] = 1.5
+    descent_mps: Annotated[
+        float, Field(ge=0.1, le=10, description="the same downwards (PX4: MPC_Z_VEL_MAX_DN, 1.5 by default)")
+    ] = 1.2
     floors_m: Annotated[
         tuple[AltitudeM, ...],
         AfterValidator(_rising),

@@ -95,7 +95,7 @@ def test_the_good_file_is_good(tmp_path: Path) -> None:
             "  cell_m: 2.0",
             "  floors_m: [8, 14]\n  vertical_margin_m: 0.2\n  climb_mps: 4",
             12,
-            ("planner.vertical_margin_m", "use at least 0.35"),
+            ("planner.vertical_margin_m", "use at least 0.36"),
         ),
         ("altitude_m: 8", "altitude_m: 8\ngoal_altitude_m: 14", 8, ("goal_altitude_m", "planner.floors_m: [8, 14]")),
         ("altitude_m: 8", "altitude_m: 8\n[a, b]: 3", 8, ("a key must be text",)),

@@ -6,8 +6,8 @@ Each place needs the lowest floor on which it keeps its clearance. The least tha
 
 the profile is the lowest curve above P that is no steeper than a slope, P being wider by what follows: two moving
 averages round its corners, and as heights of the control points of the curve's own quintic spline (which lies between
-neighbouring ones, so it stays above P too) it becomes C^4. The slope is the one that costs no time, climb_mps /
-speed_mps, and steeper where there is no room for it; what is left even then is climbed over the start, and descended
+neighbouring ones, so it stays above P too) it becomes C^4. The slopes are those that cost no time, climb_mps or
+descent_mps / speed_mps, and steeper where there is no room for them; what is left even then is climbed over the start, and descended
 over the goal.
 """
 
@@ -35,11 +35,12 @@ _SAME_M = 1e-6
 
 @dataclass(frozen=True)
 class Ends:
-    """Altitudes over start and goal, and how fast to climb at most."""
+    """Altitudes over start and goal, and how fast to climb and to descend at most."""
 
     start_m: float
     goal_m: float
     climb_mps: float
+    descent_mps: float
 
 
 def needed_altitudes(points: Array, solids: Outlines, floors_m: Sequence[float], kept_m: float, over_m: float) -> Array:
@@ -69,17 +70,17 @@ def lifted(curve: BSpline, needed_m: Array, ends: Ends, limits: Limits) -> BSpli
     knot = float(np.diff(curve.t).max())
     z = needed_m
     for steeper in _STEEPER:
-        slope = steeper * ends.climb_mps / limits.speed_mps
-        speed = min(limits.speed_mps, ends.climb_mps / slope)
-        bend_m = slope * speed**2 / (_BEND_SHARE * limits.acceleration_mps2)
-        z = _profile(u, needed_m, ends, slope, bend_m, AHEAD_M + _REACH_KNOTS * knot)
+        slopes = steeper * ends.climb_mps / limits.speed_mps, steeper * ends.descent_mps / limits.speed_mps
+        speed = limits.speed_mps / max(1.0, steeper)
+        bend_m = max(slopes) * speed**2 / (_BEND_SHARE * limits.acceleration_mps2)
+        z = _profile(u, needed_m, ends, slopes, bend_m, AHEAD_M + _REACH_KNOTS * knot)
         if z[0] - ends.start_m < _SAME_M and z[-1] - ends.goal_m < _SAME_M:
             break
     places = np.array([curve.t[i + 1 : i + curve.k + 1].mean() for i in range(len(curve.c))])
     return BSpline(curve.t, np.column_stack([curve.c, np.interp(places, u, z)]), curve.k)
 
 
-def _profile(u: Array, needed: Array, ends: Ends, slope: float, bend_m: float, ahead_m: float) -> Array:
+def _profile(u: Array, needed: Array, ends: Ends, slopes: tuple[float, float], bend_m: float, ahead_m: float) -> Array:
     """Heights (n,) at parameters (n,), at least those needed within `ahead_m`, averaged twice over `bend_m`."""
     step = float(u[1] - u[0])
     half = int(np.ceil(bend_m / 2 / step))
@@ -88,9 +89,9 @@ def _profile(u: Array, needed: Array, ends: Ends, slope: float, bend_m: float, a
     wide[:averaged] = np.maximum(wide[:averaged], ends.start_m)
     wide[-averaged:] = np.maximum(wide[-averaged:], ends.goal_m)
     least = np.minimum(_highest_so_far(wide), _highest_so_far(wide[::-1])[::-1])
-    ramp = slope * u
-    falling = _highest_so_far(least + ramp) - ramp
-    rising = _highest_so_far((least - ramp)[::-1])[::-1] + ramp
+    up, down = slopes[0] * u, slopes[1] * u
+    rising = _highest_so_far((least - up)[::-1])[::-1] + up
+    falling = _highest_so_far(least + down) - down
     once = uniform_filter1d(np.maximum(rising, falling), 2 * half + 1, mode="nearest")
     return np.asarray(uniform_filter1d(once, 2 * half + 1, mode="nearest"))
 

@@ -4,10 +4,10 @@ route -> smooth curve over ground, clear of what reaches its floor -> altitude a
 the curve in space -> regions with altitudes
 
 Limits on speed, acceleration, jerk and snap are those of the motion in space; climbing and sinking are also held to
-`planner.climb_mps`.
+`planner.climb_mps` and `descent_mps`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,14 +62,15 @@ def floor_reference(
     flat = route_curve(config, ground, route_m)
     kept = KEPT_MARGIN * planner.margin_m
     needed = needed_altitudes(flat(parameters(flat)), solids, planner.floors_m, kept, planner.vertical_margin_m)
-    ends = Ends(config.altitude_m, config.landing_altitude_m, planner.climb_mps)
+    ends = Ends(config.altitude_m, config.landing_altitude_m, planner.climb_mps, planner.descent_mps)
     curve = lifted(flat, np.minimum(needed, floor.altitude_m), ends, limits)
     cap = _cap(curve, solids, limits, headroom, config)
     timed = fly(curve, limits, cap)
     assert timed is not None, "from rest there is always a law"
     along = timed.sampled(dt)
     up = climb(float(along[0, 2]), climb_limits(planner), dt)
-    down = _down(float(along[-1, 2]), ends.goal_m, climb_limits(planner), dt)
+    slowly = replace(climb_limits(planner), speed_mps=min(climb_limits(planner).speed_mps, planner.descent_mps))
+    down = _down(float(along[-1, 2]), ends.goal_m, slowly, dt)
     xyz = np.concatenate([_over(along[0], up[:-1]), along, _over(along[-1], down[1:])])
     t = np.arange(len(xyz), dtype=np.float64) * dt
     reference, corridor = proven_corridor(t, xyz, ground.channel_map, solids, config.mpc.step_s, headroom)
@@ -99,7 +100,8 @@ def _cap(curve: BSpline, solids: Outlines, limits: Limits, headroom: Headroom, c
     above = minimum_filter1d(z, window, mode="nearest") - headroom.margin_m
     slope = np.asarray(curve.derivative(1)(u))
     rate = np.linalg.norm(slope, axis=1)
-    climbing = config.planner.climb_mps * rate / np.maximum(np.abs(slope[:, 2]), rate / _ANY_SPEED_MPS)
+    vertical = np.where(slope[:, 2] > 0, config.planner.climb_mps, config.planner.descent_mps)
+    climbing = vertical * rate / np.maximum(np.abs(slope[:, 2]), rate / _ANY_SPEED_MPS)
     return np.asarray(np.minimum(speed_cap(curve, solids, limits, config.mpc.step_s, above), climbing))
 
 

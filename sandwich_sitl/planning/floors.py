@@ -81,11 +81,12 @@ def check_ground(config: RunConfig, world: World) -> None:
 def headroom_of(config: RunConfig) -> Headroom:
     """What regions keep above obstacles. Raises `InputError` when the margin leaves nothing for what they are kept for."""
     planner = config.planner
-    sinking = float(between_samples_m(np.array(planner.climb_mps), config.mpc.step_s))
-    if planner.vertical_margin_m < sinking + _LEAST_BAND_M:
+    fastest = max(planner.climb_mps, planner.descent_mps)
+    least = float(between_samples_m(np.array(fastest), config.mpc.step_s)) + _LEAST_BAND_M
+    if planner.vertical_margin_m < least:
         raise InputError(
-            f"planner.vertical_margin_m: {planner.vertical_margin_m:g} is less than a climb of {planner.climb_mps:g} m/s "
-            f"needs; use at least {sinking + _LEAST_BAND_M:.2f}, or reduce planner.climb_mps or mpc.step_s"
+            f"planner.vertical_margin_m: {planner.vertical_margin_m:g} is less than {fastest:g} m/s up or down need; use "
+            f"at least {np.ceil(100 * least) / 100:.2f}, or reduce planner.climb_mps, planner.descent_mps or mpc.step_s"
         )
     return Headroom(planner.vertical_margin_m, config.mpc.height_band_m)
 

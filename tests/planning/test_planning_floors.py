@@ -99,13 +99,15 @@ def test_a_way_that_stays_on_its_floor_is_the_one_without_floors() -> None:
 
 
 def test_the_reference_keeps_its_limits_in_space_and_when_climbing() -> None:
-    config, plan = planned(walled(8.0), climb_cost=0.0, descent_cost=0.0, climb_mps=1.0)
+    config, plan = planned(walled(8.0), climb_cost=0.0, descent_cost=0.0, climb_mps=1.0, descent_mps=0.7)
     dt, planner = 1.0 / config.mpc.rate_hz, config.planner
     limits = (planner.speed_mps, planner.acceleration_mps2, planner.jerk_mps3, planner.snap_mps4)
     for order, limit in enumerate(limits, start=1):
         values = np.diff(plan.reference.xyz_m, n=order, axis=0) / dt**order
         assert np.linalg.norm(values, axis=1).max() <= 1.02 * limit
-    assert np.abs(np.diff(plan.reference.xyz_m[:, 2])).max() / dt <= 1.002 * planner.climb_mps
+    rise = np.diff(plan.reference.xyz_m[:, 2]) / dt
+    assert 0.98 * planner.climb_mps <= rise.max() <= 1.002 * planner.climb_mps
+    assert 0.98 * planner.descent_mps <= -rise.min() <= 1.002 * planner.descent_mps
     assert plan.reference.xyz_m[:, 2].max() == pytest.approx(15.0)
 
 
@@ -163,7 +165,7 @@ def test_the_ground_beneath_start_and_goal_must_be_free_of_the_lowest_obstacle()
 
 def test_a_margin_too_thin_for_the_climb_is_refused() -> None:
     with pytest.raises(
-        InputError, match=r"vertical_margin_m: 0.2 is less than a climb of 3 m/s needs; use at least 0.2"
+        InputError, match=r"vertical_margin_m: 0.2 is less than 3 m/s up or down need; use at least 0.3"
     ):
         planned(walled(8.0), vertical_margin_m=0.2, climb_mps=3.0)
 
@@ -269,7 +271,7 @@ def test_the_profile_is_where_it_is_needed_and_never_sinks_to_rise_again(
     needed = np.full(len(u), 6.0)
     for at, width, z in needs:
         needed = np.where(np.abs(u - at) < width, np.maximum(needed, z), needed)
-    z = np.asarray(lifted(curve, needed, Ends(start_m, goal_m, 1.5), Limits(3.0, 2.0, 10.0, 60.0))(u))[:, 2]
+    z = np.asarray(lifted(curve, needed, Ends(start_m, goal_m, 1.5, 1.2), Limits(3.0, 2.0, 10.0, 60.0))(u))[:, 2]
     top = max(float(needed.max()), start_m, goal_m)
     assert (z >= needed - 1e-9).all()
     assert z.max() <= top + 1e-9
