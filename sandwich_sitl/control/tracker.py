@@ -154,7 +154,8 @@ class Tracker:
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
         moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
-        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved)
+        band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
@@ -162,7 +163,8 @@ class Tracker:
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
         _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
         aimed_off, corridor = self.estimator.offset_ahead(times + delay), self._corridor
-        fault = examine(stop.states(times), aimed_off, corridor.Lambda, corridor.Gamma, along, self._bounds)
+        Lambda, Gamma, z_m = corridor.Lambda, corridor.Gamma, corridor.z_m
+        fault = examine(stop.states(times), aimed_off, Lambda, Gamma, along, self._bounds, z_m)
         return solution, stop if fault is Fault.NONE else None, fault
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:
