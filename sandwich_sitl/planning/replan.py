@@ -103,7 +103,13 @@ def learnt(config: RunConfig, known: Known, obstacles: Sequence[Obstacle]) -> Kn
 
 
 def replan(config: RunConfig, known: Known, question: Question) -> Replan:
-    """Answer a question on ground that already holds its obstacles. Never raises what a planner may raise."""
+    """Answer a question on ground that already holds its obstacles. Never raises what a planner may raise.
+
+    Among floors no new way is sought: the map in force is that of one floor, and the old reference climbs and sinks.
+    """
+    if config.planner.floors_m:
+        why = "a way among floors is not planned anew in flight"
+        return Replan(Verdict.NONE, question.reference, question.corridor, _NO_ROUTE, why)
     ground = ground_of(config, known.channel_map, [o.polygon for o in known.obstacles])
     try:
         here = state_at(question.reference, question.from_s).r_m[:2]
@@ -124,7 +130,8 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
 
 def _route(config: RunConfig, channel_map: ChannelMap, here: Array) -> Array:
     """The route (n, 2) from `here` to the goal; it begins on the map's nearest ground where `here` has been left out."""
-    map_graph, goal = build_map_graph(channel_map), np.array(config.goal_m, dtype=float)
+    # Time counts, and the route is pulled tight: the eight neighbours give its class.
+    map_graph, goal = build_map_graph(channel_map, wide=False), np.array(config.goal_m, dtype=float)
     if not links(map_graph, goal):
         blocker = channel_map.grown.blocker(config.goal_m)
         raise NoRouteError(f"the goal lies in obstacle '{blocker}', grown by the vehicle's radius and margin")

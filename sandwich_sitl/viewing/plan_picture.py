@@ -23,11 +23,13 @@ from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.summary import route_lengths
+from sandwich_sitl.viewing.floor_picture import draw_profile
 from sandwich_sitl.viewing.plan_panels import draw_barred, draw_ends, draw_motion_grid, draw_planning_grid, draw_world
 from sandwich_sitl.viewing.planning_space import PlanningSpace
 
 Array = NDArray[np.float64]
 
+_PROFILE_HEIGHT = 2.6
 DPI = 160
 _SANDWICH = "#0b6fd6"
 _GRID_ASTAR = "#e07b00"
@@ -53,12 +55,16 @@ def draw_plan(plan: FlightPlan, path: Path, flown: Track | None = None) -> None:
     """Write the picture as PNG. Raises `InputError` when `path` cannot be written."""
     x_min, y_min, x_max, y_max = plan.bounds_m
     panel_height = float(np.clip(7.0 * (y_max - y_min) / (x_max - x_min), 2.5, 8.0))
-    figure = Figure(figsize=(15.0, 2 * panel_height + 2.8), layout="constrained")
+    heights = [panel_height, panel_height] + ([] if plan.floors is None else [_PROFILE_HEIGHT])
+    figure = Figure(figsize=(15.0, sum(heights) + 2.8), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(2, 2)
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    panels = [[figure.add_subplot(grid[row, column]) for column in range(2)] for row in range(2)]
     space = PlanningSpace(plan.channel_map)
-    _draw_routes(panels[0, 0], panels[0, 1], plan, space)
-    _draw_flight(figure, panels[1, 0], panels[1, 1], plan, space, flown or _reference(plan))
+    _draw_routes(panels[0][0], panels[0][1], plan, space)
+    _draw_flight(figure, panels[1][0], panels[1][1], plan, space, flown or _reference(plan))
+    if plan.floors is not None:
+        draw_profile(figure.add_subplot(grid[2, :]), plan)
     quality = plan.channel_map.quality
     figure.suptitle(
         f"{plan.name}: {plan.channel_map.channels} channels, {plan.channel_map.nodes} nodes, "
