@@ -20,7 +20,7 @@ from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines
 from sandwich_sitl.recording.summary import route_lengths
-from sandwich_sitl.viewing.floor_picture import draw_low_obstacles, draw_profile
+from sandwich_sitl.viewing.floor_picture import draw_obstacles, draw_profile
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def _draw_motion_space(axes: Axes, plan: FlightPlan) -> None:
         axes.add_patch(Polygon(ring, facecolor=_GROWN, edgecolor="#6f737b", linewidth=0.6, linestyle="--", zorder=1))
     axes.add_collection(PatchCollection([Polygon(r) for r in plan.obstacles_m], facecolor=_OBSTACLE, zorder=2.5))
     if plan.floors is not None:
-        draw_low_obstacles(axes, plan)
+        draw_obstacles(axes, plan)
     _draw_grid(axes, plan.channel_map)
     _draw_routes(axes, plan)
     x_min, y_min, x_max, y_max = plan.bounds_m
