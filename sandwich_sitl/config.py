@@ -39,6 +39,7 @@ __all__ = [
     "MpcConfig",
     "ObstacleConfig",
     "PlannerConfig",
+    "ReplanConfig",
     "RunConfig",
     "WorldConfig",
     "ZenohConfig",
@@ -124,7 +125,7 @@ class MpcConfig:
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 8.0
     solver: Annotated[
         Literal["osqp", "active_set", "daqp", "piqp", "clarabel"],
-        Field(description="active_set is the own exact one; daqp, piqp and clarabel need the extra `solvers`"),
+        Field(description="active_set is the own exact one; daqp and clarabel need the extra `solvers`"),
     ] = "osqp"
     speed_mps: Annotated[float, Field(gt=0, description="horizontal speed the plan keeps to")] = 12.0
     climb_mps: Annotated[float, Field(gt=0, description="vertical speed the plan keeps to")] = 3.0
@@ -139,8 +140,9 @@ class MpcConfig:
 class TrackingConfig:
     """What closes the loop round the plan: offset, delay and motion of the vehicle."""
 
-    observer_radps: Annotated[float, Field(gt=0, description="rate at which an offset is taken out")] = 2.0
-    motion_radps: Annotated[float, Field(gt=0, description="bandwidth of estimated acceleration and jerk")] = 6.0
+    motion_radps: Annotated[
+        float, Field(gt=0, description="bandwidth of the vehicle's estimated motion, and so of the offset aimed off")
+    ] = 8.0
     delay_s: Annotated[
         float | None, Field(ge=0, le=0.3, description="from a set-point to the motion it asks for; null: measured")
     ] = None
@@ -152,6 +154,22 @@ class AssuranceConfig:
     """When a plan is not flown."""
 
     region_tolerance_m: Annotated[float, Field(ge=0, description="how far outside a region a plan may pass")] = 0.02
+
+
+@dataclass(frozen=True, config=STRICT)
+class ReplanConfig:
+    """What happens when an obstacle is reported in flight."""
+
+    budget_s: Annotated[
+        float, Field(ge=0.06, le=5, description="from a report to the first set-point of the new plan, run clock")
+    ] = 0.15
+    tries: Annotated[int, Field(ge=1, le=10, description="how often a late plan is asked for again")] = 4
+    sensor_tolerance_m: Annotated[
+        float, Field(gt=0, description="a range sensor's return this near a known obstacle is that obstacle's")
+    ] = 0.5
+    sensor_depth_m: Annotated[
+        float, Field(gt=0, description="how far an obstacle is taken to reach behind the face that a sensor sees")
+    ] = 1.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -235,6 +253,7 @@ class RunConfig:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     assurance: AssuranceConfig = field(default_factory=AssuranceConfig)
+    replan: ReplanConfig = field(default_factory=ReplanConfig)
     mission: MissionConfig = field(default_factory=MissionConfig)
     vehicle: dict[str, Any] = field(default_factory=dict)
     link: LinkConfig = field(default_factory=LinkConfig)

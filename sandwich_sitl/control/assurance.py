@@ -48,6 +48,7 @@ class Fault(StrEnum):
     NOT_FINITE = "the plan is not finite"
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
+    OBSTACLE = "an obstacle has appeared on the way"
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,9 @@ def examine(
     states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds,
     z_m: Array = _EVERY_ALTITUDE,
 ) -> Fault:  # fmt: skip
-    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (3,)."""
+    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (m, 3)
+    or (3,).
+    """
     if not np.isfinite(states).all():
         return Fault.NOT_FINITE
     squares = states[:, 3:] ** 2

@@ -20,11 +20,16 @@ class Prisms:
     """Obstacles with outlines (V, 2) and heights (n,); an infinite height reaches every altitude."""
 
     def __init__(self, rings_m: Sequence[Array], heights_m: Array) -> None:
+        self._rings_m, self._all_heights_m = tuple(rings_m), heights_m
         polygons: Any = np.array([shapely.Polygon(ring) for ring in rings_m], dtype=object)
         self.heights_m = np.unique(heights_m)
         self._outlines = [shapely.union_all(polygons[heights_m == height]) for height in self.heights_m]
         for outline in self._outlines:
             shapely.prepare(outline)
+
+    def joined_by(self, ring_m: Array, height_m: float) -> "Prisms":
+        """These and one more."""
+        return Prisms([*self._rings_m, ring_m], np.append(self._all_heights_m, height_m))
 
     def distance_m(self, points: Array) -> Array:
         """Distance (n,) of points (n, 3) to the nearest prism, 0 inside, infinite where there is none."""

@@ -5,7 +5,8 @@ number that the log cannot give (no truth, no plan, killed early) is None.
 
 Definitions. The flight lasts from arming to disarming; `path_flown_m` is the horizontal length of the true path in
 that time and `min_clearance_m` the distance of that continuous path to the obstacles that were not grown: in plan, with
-floors in space, to prisms of their heights, so that what is flown over counts by the air between. Errors are
+floors in space, to prisms of their heights, so that what is flown over counts by the air between; and in plan to those
+that appeared in flight, from then on. Errors are
 |truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
 """
 
@@ -21,6 +22,7 @@ from sandwich_sitl.channels.check import examine
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.prisms import Prisms
+from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section, whole_corridor
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.tracks import Frame
 
@@ -51,6 +53,7 @@ def summarise(log: RunLog) -> Section:
         "flight": flight,
         "mpc": _mpc_section(log),
         "assurance": _assurance_section(log),
+        "detours": detours_section(log),
         "link": _link_section(log),
     }
 
@@ -69,7 +72,7 @@ def format_summary(summary: Section) -> str:
     head = " ".join(f"{key} {_shown(summary[key])}" for key in ("name", "seed", "clock"))
     reason = f" ({summary['reason']})" if summary["reason"] else ""
     lines = [f"outcome  {summary['outcome']}{reason}", f"run      {head}"]
-    for section in ("map", "route", "floors", "flight", "mpc", "assurance", "link"):
+    for section in ("map", "route", "floors", "flight", "mpc", "assurance", "detours", "link"):
         if section == "floors" and summary[section]["altitude_m"] is None:
             continue
         items = ", ".join(f"{key} {_shown(value)}" for key, value in summary[section].items())
@@ -154,7 +157,9 @@ def _floors_section(plan: FlightPlan | None) -> Section:
 
 def _flight_section(log: RunLog) -> Section:
     spans = _spans(log, log.mission.armed.tolist())
-    path_m = log.truth.r_m[_within(log.truth.t_s, spans)]
+    flown = _within(log.truth.t_s, spans)
+    path_m = log.truth.r_m[flown]
+    clearances_m = [clearance_m(path_m, log.plan), appeared_clearance_m(log, flown)]
     _, error_m = tracking_error(log)
     wall_text = log.metadata.get("result", {}).get("wall_seconds")
     wall_s = float(wall_text) if wall_text is not None else None
@@ -163,7 +168,7 @@ def _flight_section(log: RunLog) -> Section:
         "path_flown_m": path_length(path_m[:, :2]) if len(path_m) else None,
         "rms_error_m": float(np.sqrt(np.mean(error_m**2))) if error_m.size else None,
         "max_error_m": float(error_m.max()) if error_m.size else None,
-        "min_clearance_m": clearance_m(path_m, log.plan),
+        "min_clearance_m": min((metres for metres in clearances_m if metres is not None), default=None),
         "quadrangle_violations": _quadrangle_violations(log),
         "wall_seconds": wall_s,
         "realtime_factor": (log.span_s[1] - log.span_s[0]) / wall_s if wall_s else None,
@@ -180,11 +185,11 @@ def clearance_m(path_m: Array, plan: FlightPlan | None) -> float | None:
 def _quadrangle_violations(log: RunLog) -> int | None:
     """Control samples while ACTIVE at which the true position lies outside its region."""
     chosen = _within(log.control.t_s, active_spans(log)) & (log.control.region >= 0)
-    if log.plan is None or log.truth.t_s.size == 0:
+    corridor = whole_corridor(log)
+    if corridor is None or log.truth.t_s.size == 0:
         return None
     region = log.control.region[chosen]
     r_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)
-    corridor = log.plan.corridor
     excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], r_m[:, :2]) - corridor.Gamma[region]
     if len(corridor.z_m):
         low_m, high_m = corridor.z_m[region].T
@@ -209,8 +214,9 @@ def _mpc_section(log: RunLog) -> Section:
 def _assurance_section(log: RunLog) -> Section:
     """Ticks on each rung of the ladder, how often a plan was refused and how often accepted again, faults in ticks."""
     rung = log.control.rung
-    fell = int(np.count_nonzero((rung[1:] > 0) & (rung[:-1] == 0))) if rung.size else 0
-    rose = int(np.count_nonzero((rung[1:] == 0) & (rung[:-1] > 0))) if rung.size else 0
+    before = np.concatenate([[0], rung[:-1]])  # a flight that begins without a plan has fallen back too
+    fell = int(np.count_nonzero((rung > 0) & (before == 0))) if rung.size else 0
+    rose = int(np.count_nonzero((rung == 0) & (before > 0))) if rung.size else 0
     return {
         "plan": int(np.count_nonzero(rung == 0)),
         "shifted": int(np.count_nonzero(rung == 1)),

@@ -31,6 +31,7 @@ TIMELINE = "time"
 GRID_LINES = 40  # at most this many lines of each family
 DARK, RED, GREY = (225, 225, 225), (120, 50, 50), (120, 125, 135)
 BLUE, ORANGE, GREEN, YELLOW, VIOLET = (60, 140, 245), (240, 140, 30), (60, 190, 110), (245, 200, 0), (200, 110, 240)
+CRIMSON = (235, 70, 80)
 DOWN = np.array([1.0, -1.0])
 _ONE_ALTITUDE = np.empty((0, 2))
 
@@ -84,6 +85,45 @@ class EntityLog:
         self.columns("/world/region", t_s, strips.partition([len(lines) for lines in edges]))
         rings = [close_ring(ring) * DOWN for ring in rings_m]
         self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=rings))
+
+    def obstacle(self, t_s: float, name: str, ring: Array, height_m: float) -> None:
+        """An obstacle that is there from a time on."""
+        import rerun as rr
+
+        self.at(t_s)
+        part = rr.escape_entity_path_part(name)
+        points, triangles = prism(ring, height_m)
+        mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=triangles, albedo_factor=CRIMSON)
+        self.recording.log(f"/world/appeared/{part}", mesh, strict=True)
+        self._outline(f"appeared/{part}", ring, CRIMSON, 2.5)
+
+    def sighting(self, t_s: float, name: str, ring: Array) -> None:
+        """The outline that a range sensor's returns were given."""
+        import rerun as rr
+
+        self.at(t_s)
+        self._outline(f"seen/{rr.escape_entity_path_part(name)}", ring, YELLOW, 1.0)
+
+    def new_route(self, t_s: float, number: int, xyz_m: Array) -> None:
+        """The reference of a plan that was adopted at a time."""
+        import rerun as rr
+
+        self.at(t_s)
+        style = {"colors": [CRIMSON], "radii": [rr.Radius.ui_points(1.5)]}
+        self.recording.log(f"/world/route/new-{number}", rr.LineStrips3D([xyz_m], **style), strict=True)
+        self.recording.log(f"/motion/route/new-{number}", rr.LineStrips2D([xyz_m[:, :2] * DOWN], **style), strict=True)
+
+    def at(self, t_s: float) -> None:
+        """What is logged next holds from this time on."""
+        self.recording.set_time(TIMELINE, duration=np.timedelta64(round(t_s * 1e9), "ns"))
+
+    def _outline(self, name: str, ring: Array, colour: Colour, width: float) -> None:
+        import rerun as rr
+
+        style = {"colors": [colour], "radii": [rr.Radius.ui_points(width)]}
+        closed = close_ring(ring)
+        self.recording.log(f"/motion/{name}", rr.LineStrips2D([closed * DOWN], **style), strict=True)
+        self.recording.log(f"/world/{name}/outline", rr.LineStrips3D([lift(closed, 0.06)], **style), strict=True)
 
     def scalars(self, entity: str, t_s: Array, values: Array) -> None:
         """A time series (K,)."""

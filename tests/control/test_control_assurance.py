@@ -187,9 +187,16 @@ def test_a_solver_that_comes_back_is_flown_again_and_the_route_is_finished() -> 
     assert np.abs(jumps).max() < 1e-4
 
 
-def test_no_plan_at_the_first_tick_is_braking_at_once() -> None:
-    ticks, _ = ladder(lambda _: True, 3)
-    assert [tick.rung for tick in ticks] == [Rung.BRAKE] * 3
+def test_without_any_plan_the_vehicle_stands_still_and_then_brakes() -> None:
+    """Before the first plan the plan in force is to stay; it is not stayed with for ever."""
+    ticks, _ = ladder(lambda _: True, 60)
+    rungs = [tick.rung for tick in ticks]
+    last = rungs.index(Rung.BRAKE)
+    assert set(rungs[:last]) == {Rung.SHIFTED}
+    assert set(rungs[last:]) == {Rung.BRAKE}
+    assert 0.7 < last * DT < 1.0
+    for tick in ticks[:last]:
+        np.testing.assert_array_equal(tick.setpoint, ticks[0].setpoint)
 
 
 def test_a_blind_tracker_slows_down() -> None:

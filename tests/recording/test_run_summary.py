@@ -152,6 +152,7 @@ def test_the_terminal_text_names_every_section(run_log: RunLog) -> None:
         "flight",
         "mpc",
         "assurance",
+        "detours",
         "link",
     ]
     assert "rms_error_m 0.200" in text
