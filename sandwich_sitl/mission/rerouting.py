@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 _COVERED_M = 1e-3  # an outline that leaves a known obstacle by no more says nothing new
 _STOP_SHARE = 1.875 / 2  # of v / brake: the reference's time that a stop along the plan uses up (`stop_plan`)
 _ON_TIME_S = 1e-6
+_LEAST_PERIODS = 2  # that a plan is given
 _SPARE_S = 0.3  # delay of the vehicle, and ticks
 
 
@@ -128,7 +129,7 @@ class Rerouting:
     ) -> RerouteOrders:
         """One tick."""
         log: list[tuple[str, str]] = []
-        new = tuple(report for report in reports if self._hear(at, report, log))
+        new = tuple(report for report in reports if self._hear(now_s, at, report, log))
         if self._attempt is not None and self._config.mode == "paper":
             self._give_up("paper mode plans before take-off only", log)
         if self._given_up:
@@ -139,7 +140,7 @@ class Rerouting:
             ask = self._ask(now_s, at, self._attempt)
         return RerouteOrders(ask, adopted, bool(self._given_up) or self._too_near(at), new, tuple(log))
 
-    def _hear(self, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
+    def _hear(self, now_s: float, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
         """Take in a report; whether it says anything new."""
         obstacle, radius_m = report.obstacle, self._config.planner.vehicle_radius_m
         reach_m = radius_m + self._config.planner.margin_m
@@ -159,16 +160,16 @@ class Rerouting:
         if at.r_m is not None and obstacle.polygon.distance(shapely.Point(at.r_m[:2])) < radius_m:
             self._give_up(f"obstacle '{obstacle.name}' is reported on top of the vehicle", log)
             return True
-        touches = self._check(at, report)
+        touches = self._check(now_s, at, report)
         log.append(("info", f"obstacle '{obstacle.name}' heard of: {_account(touches)}"))
         return True
 
-    def _check(self, at: Whereabouts, report: ObstacleReport) -> bool:
+    def _check(self, now_s: float, at: Whereabouts, report: ObstacleReport) -> bool:
         """Whether the plan in force must give way to an obstacle; if so, another is asked for."""
         touches = self._touches(at.sigma_s, report.obstacle.polygon)
         if touches and self._attempt is None:
-            # Whole periods, and one less than the budget holds, since a report may be a period old when it is read.
-            periods = max(1, int(self._config.replan.budget_s / self._period_s + 1e-9) - 1)
+            left_s = self._config.replan.budget_s - (now_s - report.heard_s)
+            periods = max(_LEAST_PERIODS, int(left_s / self._period_s + 1e-9))
             self._attempt = _Attempt(report.heard_s, 1, periods * self._period_s)
         return touches
 
@@ -221,7 +222,7 @@ class Rerouting:
             return None
         self._reference, self._corridor, self._conflict_s = answer.reference, answer.corridor, np.inf
         for report in self._unlearnt:  # heard while this was planned
-            self._check(at, report)
+            self._check(now_s, at, report)
         if answer.verdict is Verdict.ROUTE:
             log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
         else:

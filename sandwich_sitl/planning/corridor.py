@@ -172,15 +172,16 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
 
 def _same_cells(nodes: Array, points: Array, size: float) -> NDArray[np.bool_]:
     """Which nodes lie in the cells of a raster that hold a point, or beside them."""
-    low = np.floor(np.vstack([nodes.min(axis=0), points.min(axis=0)]).min(axis=0) / size) - 1
-    high = np.floor(np.vstack([nodes.max(axis=0), points.max(axis=0)]).max(axis=0) / size) + 1
+    x, y = nodes.T  # a column at a time: numpy is slow along short rows
+    low = np.floor(np.minimum(points.min(axis=0), [x.min(), y.min()]) / size) - 1
+    high = np.floor(np.maximum(points.max(axis=0), [x.max(), y.max()]) / size) + 1
     raster = np.zeros((high - low + 1).astype(np.int64), dtype=np.bool_)
     at = (np.floor(points / size) - low).astype(np.int64)
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
             raster[at[:, 0] + dx, at[:, 1] + dy] = True
-    cells = (np.floor(nodes / size) - low).astype(np.int64)
-    return np.asarray(raster[cells[:, 0], cells[:, 1]])
+    i, j = (np.floor(column / size).astype(np.int64) - int(first) for column, first in zip((x, y), low, strict=True))
+    return np.asarray(raster[i, j])
 
 
 def _region(stretch: Array, quadrangle: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | None:

@@ -32,16 +32,16 @@ from sandwich_sitl.errors import InputError, MapError, NoRouteError
 from sandwich_sitl.planning.corridor import proven_corridor
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
 from sandwich_sitl.planning.handover import handover, state_at, stop_limits, stop_reference
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links
 from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.proof import prove_corridor
 from sandwich_sitl.planning.reference import Ground, ground_of
-from sandwich_sitl.planning.routes import RouteKind, find_route, shortened
-from sandwich_sitl.world.grow import mitred
+from sandwich_sitl.planning.shortest import shortest_path
+from sandwich_sitl.world.grow import GrownWorld, mitred
 from sandwich_sitl.world.world import Obstacle
 
 Array = NDArray[np.float64]
 
+_HAIR_M = 1e-6
 _NO_ROUTE = np.empty((0, 2))
 
 
@@ -107,7 +107,7 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
     ground = ground_of(config, known.channel_map, [o.polygon for o in known.obstacles])
     try:
         here = state_at(question.reference, question.from_s).r_m[:2]
-        route = _route(config, known.channel_map, here)
+        route = _route(config, known.channel_map.grown, here)
         reference, corridor = handover(config, ground, question.reference, question.from_s, route)
         _prove(config, known, reference, corridor)
         return Replan(Verdict.ROUTE, *_spliced(question, reference, corridor), route)
@@ -122,25 +122,37 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
     return Replan(Verdict.NONE, question.reference, question.corridor, _NO_ROUTE, why)
 
 
-def _route(config: RunConfig, channel_map: ChannelMap, here: Array) -> Array:
-    """The route (n, 2) from `here` to the goal; it begins on the map's nearest ground where `here` has been left out."""
-    map_graph, goal = build_map_graph(channel_map), np.array(config.goal_m, dtype=float)
-    if not links(map_graph, goal):
-        blocker = channel_map.grown.blocker(config.goal_m)
+def _route(config: RunConfig, grown: GrownWorld, here: Array) -> Array:
+    """The shortest route (n, 2) from `here` to the goal on the free ground of the map, as a navigation mesh.
+
+    That is the optimum itself, and sooner than the map's grid could be searched: at 100,000 nodes it would have to be
+    numbered and linked anew. The route begins on the nearest free ground, where a flown curve is nearer to an obstacle
+    than planning allows; the curve made from it keeps what clearance there is.
+    """
+    mesh, goal = build_nav_mesh(grown), np.array(config.goal_m, dtype=float)
+    blocker = grown.blocker(config.goal_m)
+    if blocker is not None:
         raise NoRouteError(f"the goal lies in obstacle '{blocker}', grown by the vehicle's radius and margin")
-    entry = here if links(map_graph, here) else _nearest_node(config, map_graph, here)
-    route = find_route(channel_map, map_graph, entry, goal)
-    kind: RouteKind = "exact" if config.planner.route == "exact" else "tight"
-    points = shortened(map_graph, build_nav_mesh(channel_map.grown), route, kind).points_m
-    return points if entry is here else np.concatenate([here[None], points])
+    entry = _free_ground(config, grown, here)
+    found = shortest_path(mesh, entry, goal)
+    if found is None:
+        raise NoRouteError("obstacles close every way to the goal")
+    return np.concatenate([here[None], found.points_m[np.hypot(*(found.points_m - here).T) > _HAIR_M]])
 
 
-def _nearest_node(config: RunConfig, map_graph: MapGraph, here: Array) -> Array:
-    """A flown curve may be nearer to an obstacle than planning allows, but not by more than the margin."""
-    away = np.hypot(*(map_graph.graph.xy_m - here).T)
-    if not np.isfinite(away).any() or float(np.nanmin(away)) > config.planner.margin_m + config.planner.cell_m:
-        raise NoRouteError("the vehicle is shut in by obstacles")
-    return np.asarray(map_graph.graph.xy_m[int(np.nanargmin(away))])
+def _free_ground(config: RunConfig, grown: GrownWorld, here: Array) -> Array:
+    """`here`, or the nearest point outside the grown obstacle that holds it; by less than the margin."""
+    point = shapely.Point(here)
+    for polygon in grown.polygons:
+        if polygon.contains(point):
+            if polygon.exterior.distance(point) > config.planner.margin_m:
+                break
+            foot = shapely.get_coordinates(shapely.shortest_line(point, polygon.exterior))[1]
+            away = foot - here
+            return np.asarray(foot + _HAIR_M * away / max(float(np.hypot(*away)), _HAIR_M))
+    else:
+        return here
+    raise NoRouteError("the vehicle is shut in by obstacles")
 
 
 def _kept(config: RunConfig, known: Known, ground: Ground, stop: Reference) -> tuple[Reference, Corridor]:
