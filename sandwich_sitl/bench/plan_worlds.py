@@ -34,7 +34,12 @@ class BenchWorld:
 
 
 def random_world(seed: int, reach_m: float) -> BenchWorld:
-    """Buildings turned at will, a third of them angles, over 200 m x 120 m, grown by `reach_m`."""
+    """The random town of a seed, grown by `reach_m`."""
+    return BenchWorld(f"random {seed}", grow(random_town(seed), reach_m, _DETAIL_M))
+
+
+def random_town(seed: int) -> World:
+    """Buildings turned at will, a third of them angles, over 200 m x 120 m."""
     rng = np.random.default_rng(seed)
     width, height = _RANDOM_M
     shapes: list[Polygon] = []
@@ -44,8 +49,7 @@ def random_world(seed: int, reach_m: float) -> BenchWorld:
         if rng.integers(0, 3) == 0:
             shape = shape.difference(shapely.box(x + 0.4 * a, y + 0.4 * b, x + a, y + b))
         shapes.append(rotate(shape, rng.uniform(0, 360)))
-    world = World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
-    return BenchWorld(f"random {seed}", grow(world, reach_m, _DETAIL_M))
+    return World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
 
 
 def world_of_file(path: Path, reach_m: float) -> BenchWorld:
