@@ -34,6 +34,7 @@ _STRETCH_M = 1.0
 _HAIR_M = 1e-6
 REACH_M = 6.0  # how far a region may reach from its seed
 _REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
+_NEXT = np.array([1, 2, 3, 0])  # corner of a quadrangle after each
 _NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
 
 
@@ -158,12 +159,13 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
     near = _same_cells(nodes[there], points, size)
     chosen = there[near] if near.any() else there
     gap, found = cKDTree(nodes[chosen]).query(points)
-    if float(np.max(gap)) > size:
-        chosen = there
-        found = cKDTree(nodes[there]).query(points)[1]
+    nearest = chosen[found]
+    # Far from the nodes beside it a point may have a nearer one; a tree of all nodes costs more than these few do.
+    for k in np.flatnonzero(gap > size).tolist():
+        nearest[k] = there[np.argmin(np.hypot(nodes[there, 0] - points[k, 0], nodes[there, 1] - points[k, 1]))]
     first = np.cumsum([0, *(grid.shape[0] * grid.shape[1] for grid in grids)])
     places = []
-    for node in chosen[found]:
+    for node in nearest:
         d = int(np.searchsorted(first, node, side="right")) - 1
         i, j = divmod(int(node - first[d]), grids[d].shape[1])
         places.append((d, i, j))
@@ -203,9 +205,9 @@ def _grown(seed: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | No
 
 def sound(quadrangle: Array, stretch: Array) -> bool:
     """Whether a quadrangle is convex, counter-clockwise and holds the stretch."""
-    side = np.roll(quadrangle, -1, axis=0) - quadrangle
-    turn = side[:, 0] * np.roll(side[:, 1], -1) - side[:, 1] * np.roll(side[:, 0], -1)
-    if float(turn.min()) <= 0.0:
+    side = quadrangle[_NEXT] - quadrangle
+    after = side[_NEXT]
+    if float((side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0]).min()) <= 0.0:
         return False
     return all(float((stretch @ n).max()) < g - _HAIR_M for n, g in _sides(quadrangle))
 
