@@ -36,13 +36,13 @@ class Answer:
 
 
 class Planner(Protocol):
-    """Answers one question at a time."""
+    """Answers the newest question."""
 
     def ask(self, question: Question) -> None:
-        """Begin to plan."""
+        """Begin to plan; a question under way is of no interest any more."""
 
     def answer(self) -> Answer | None:
-        """The answer, or None while there is none yet."""
+        """The answer to the newest question, or None while there is none yet."""
 
     def close(self) -> None:
         """End."""
@@ -88,6 +88,7 @@ class PlannerProcess:
         self._process.start()
         theirs.close()
         self._asked: Question | None = None
+        self._overtaken = 0  # questions under way whose answers nobody wants
         self._ready = self._connection.poll(_START_S) and self._received() == "ready"
 
     def __enter__(self) -> Self:
@@ -100,6 +101,7 @@ class PlannerProcess:
 
     def ask(self, question: Question) -> None:
         """Send the question."""
+        self._overtaken += self._asked is not None
         self._asked = question
         if self._ready:
             try:
@@ -111,6 +113,9 @@ class PlannerProcess:
         """What the process has answered; a process that is gone has no plan."""
         if self._asked is None:
             return None
+        while self._ready and self._connection.poll() and self._overtaken:
+            self._overtaken -= 1
+            self._received()
         if self._ready and not self._connection.poll():
             return None
         question, found = self._asked, self._received() if self._ready else None

@@ -22,6 +22,7 @@ from shapely.affinity import rotate
 from sandwich_sitl.bench.plan_worlds import questions, random_town
 from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.config import PlannerConfig, RunConfig, WorldConfig
+from sandwich_sitl.mission.rerouting import FIRST_REACH_M
 from sandwich_sitl.planner_process import Answer, InlinePlanner, Planner, PlannerProcess
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.map_graph import build_map_graph
@@ -100,7 +101,8 @@ def pop_ups(plan: FlightPlan, seed: int) -> Iterator[Question]:
             body.distance(shapely.Point(reference.xyz_m[k, :2])) > 1.0
             and body.distance(shapely.Point(plan.goal_m)) > 1.5
         ):
-            yield Question((Obstacle("pop-up", body),), reference, plan.corridor, float(reference.t_s[k]))
+            new = (Obstacle("pop-up", body),)
+            yield Question(new, reference, plan.corridor, float(reference.t_s[k]), FIRST_REACH_M)
 
 
 def measure(seed: int, nodes: int, cases: int, say: Callable[[str], None]) -> ReplanFigures:

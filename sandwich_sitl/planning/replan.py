@@ -10,6 +10,9 @@ reference in force, and its time `from_s` at which the new plan takes over. Outp
 the same time base: up to `from_s` the samples of the old one, then the new. So whoever flies it changes over by
 exchanging the two, at any time before `from_s`, and nothing steps.
 
+Time counts: so the first plan need not lead to the goal, only `Question.reach_m` along the route to it, to rest; the
+rest of the way is then asked for with more time. What planning costs grows with the length of the way.
+
 In this order, the first that is proven by `prove_corridor` counts:
 
  1. a route to the goal, left for while moving, or after a stop on the old reference (`handover`);
@@ -42,6 +45,7 @@ from sandwich_sitl.world.world import Obstacle
 Array = NDArray[np.float64]
 
 _HAIR_M = 1e-6
+_NOT_MUCH = 1.3
 _NO_ROUTE = np.empty((0, 2))
 
 
@@ -70,19 +74,21 @@ class Known:
 
 @dataclass(frozen=True)
 class Question:
-    """`obstacles` that are new, the plan in force, and its time from which a new one is wanted."""
+    """`obstacles` that are new, the plan in force, its time from which a new one is wanted, and how far it has to reach."""
 
     obstacles: tuple[Obstacle, ...]
     reference: Reference
     corridor: Corridor
     from_s: float
+    reach_m: float = np.inf
 
 
 @dataclass(frozen=True)
 class Replan:
     """The answer: `reference` and `corridor` as a whole (those of the question when the verdict is NONE).
 
-    `route_m` (N, 2) leads from the change-over to the goal, N = 0 without a route; `why` says what was in the way.
+    `route_m` (N, 2) leads from the change-over to the goal, N = 0 without a route; `whole`: so does the reference, which
+    else rests where the question's reach ends. `why` says what was in the way.
     """
 
     verdict: Verdict
@@ -90,6 +96,7 @@ class Replan:
     corridor: Corridor
     route_m: Array
     why: str = ""
+    whole: bool = True
 
 
 def learnt(config: RunConfig, known: Known, obstacles: Sequence[Obstacle]) -> Known:
@@ -108,9 +115,10 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
     try:
         here = state_at(question.reference, question.from_s).r_m[:2]
         route = _route(config, known.channel_map.grown, here)
-        reference, corridor = handover(config, ground, question.reference, question.from_s, route)
+        near = _within(route, question.reach_m)
+        reference, corridor = handover(config, ground, question.reference, question.from_s, near)
         _prove(config, known, reference, corridor)
-        return Replan(Verdict.ROUTE, *_spliced(question, reference, corridor), route)
+        return Replan(Verdict.ROUTE, *_spliced(question, reference, corridor), route, whole=near is route)
     except (InputError, MapError, NoRouteError) as error:
         why = str(error)
     for limits in stop_limits(config):
@@ -138,6 +146,15 @@ def _route(config: RunConfig, grown: GrownWorld, here: Array) -> Array:
     if found is None:
         raise NoRouteError("obstacles close every way to the goal")
     return np.concatenate([here[None], found.points_m[np.hypot(*(found.points_m - here).T) > _HAIR_M]])
+
+
+def _within(route: Array, reach_m: float) -> Array:
+    """The beginning of a route, `reach_m` long; the route itself when it is not much longer."""
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    if arc[-1] <= _NOT_MUCH * reach_m:
+        return route
+    end = [np.interp(reach_m, arc, route[:, axis]) for axis in range(2)]
+    return np.concatenate([route[arc < reach_m], [end]])
 
 
 def _free_ground(config: RunConfig, grown: GrownWorld, here: Array) -> Array:

@@ -9,6 +9,7 @@ import shapely
 from shapely import Polygon, box
 
 from sandwich_sitl.config import PlannerConfig, ReplanConfig, RunConfig, WorldConfig
+from sandwich_sitl.mission import rerouting
 from sandwich_sitl.mission.reports import ObstacleReport, Source
 from sandwich_sitl.mission.rerouting import RerouteOrders, Rerouting, Whereabouts
 from sandwich_sitl.planning.flight_plan import FlightPlan
@@ -148,6 +149,32 @@ def test_an_obstacle_that_comes_while_planning_is_planned_round_afterwards() -> 
     assert min(line.distance(ACROSS), line.distance(second)) > 0.4
 
 
+def test_a_plan_that_ends_short_of_the_goal_is_followed_by_one_for_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rerouting, "FIRST_REACH_M", 20.0)
+    monkeypatch.setattr(rerouting, "_FIRST_REACH_S", 0.0)
+    flight = Flight.at(15.0)
+    orders = flight.tick(ACROSS)
+    assert orders.ask is not None
+    assert orders.ask.reach_m == 20.0
+    orders = flight.tick(answer=flight.answer())
+    assert orders.adopted is not None
+    assert not orders.adopted.replan.whole
+    assert not orders.adopted.onward
+    assert orders.ask is not None
+    assert orders.ask.obstacles == ()
+    assert np.isinf(orders.ask.reach_m)
+    second = box(flight.reference.xyz_m[-1, 0] - 3, 10, flight.reference.xyz_m[-1, 0] - 2, 22)
+    orders = flight.tick(second, name="second")  # more urgent than the rest of the way
+    assert orders.ask is not None
+    assert orders.ask.reach_m == 20.0
+    assert not flight.tick(answer=flight.answer()).adopted.onward  # type: ignore[union-attr]
+    orders = flight.tick(answer=flight.answer())
+    assert orders.adopted is not None
+    assert orders.adopted.onward
+    assert orders.ask is None
+    np.testing.assert_allclose(flight.reference.xyz_m[-1, :2], (55, 15), atol=1e-6)
+
+
 def test_a_late_answer_is_asked_for_again_with_twice_the_time_and_at_last_given_up() -> None:
     flight = Flight.at(8.0, tries=3)
     flight.tick(ACROSS)
@@ -200,17 +227,17 @@ def test_on_top_of_the_vehicle_it_stops_at_once() -> None:
 
 
 def test_before_take_off_the_whole_plan_is_made_anew() -> None:
-    rerouting = Rerouting(CONFIG, plan())
+    before = Rerouting(CONFIG, plan())
     at = Whereabouts(0.0, False, np.array([5.0, 15.0, 0.0]))
     report = ObstacleReport(Obstacle("new", ACROSS), Source.MESSAGE, 1.0)
-    ask = rerouting.step(1.0, at, [report], None).ask
+    ask = before.step(1.0, at, [report], None).ask
     assert ask is not None
     assert ask.from_s == 0.0
 
 
 def test_paper_mode_stops() -> None:
     config = dataclasses.replace(CONFIG, mode="paper")
-    rerouting = Rerouting(config, plan())
+    printed = Rerouting(config, plan())
     at = Whereabouts(20.0, True, np.array([15.0, 15.0, 5.0]))
-    assert rerouting.step(1.0, at, [ObstacleReport(Obstacle("new", ACROSS), Source.MESSAGE, 1.0)], None).barred
-    assert "paper mode" in rerouting.given_up
+    assert printed.step(1.0, at, [ObstacleReport(Obstacle("new", ACROSS), Source.MESSAGE, 1.0)], None).barred
+    assert "paper mode" in printed.given_up

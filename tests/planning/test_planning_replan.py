@@ -134,6 +134,23 @@ def test_a_wall_across_the_world_stops_the_vehicle_before_it() -> None:
     assert shapely.distance(shapely.points(answer.reference.xyz_m[:, :2]), curve).max() < 1e-3
 
 
+def test_a_plan_of_limited_reach_ends_at_rest_and_the_rest_of_the_way_follows_on_seamlessly() -> None:
+    known, reference, corridor = flown()
+    crate = (Obstacle("crate", box(24, 20, 25, 23)),)
+    known = learnt(CONFIG, known, crate)
+    from_s = when(16.0)
+    near = replan(CONFIG, known, Question(crate, reference, corridor, from_s, reach_m=15.0))
+    assert (near.verdict, near.whole) == (Verdict.ROUTE, False)
+    np.testing.assert_allclose(near.route_m[-1], GOAL)
+    flown_m = np.hypot(*np.diff(near.reference.xyz_m[change_over(reference, from_s) :, :2], axis=0).T).sum()
+    assert 14.5 < flown_m < 16.0
+    assert np.linalg.norm(near.reference.xyz_m[-1] - near.reference.xyz_m[-2]) < 1e-4
+    onward_s = from_s + 0.4
+    whole = replan(CONFIG, known, Question((), near.reference, near.corridor, onward_s))
+    assert whole.whole
+    check(known, whole, (near.reference, near.corridor), onward_s)
+
+
 def test_an_obstacle_over_the_goal_is_named() -> None:
     _, answer = planned(box(55, 17, 57, 19), from_s=when(20.0))
     assert answer.verdict is Verdict.STOP
