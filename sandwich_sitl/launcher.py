@@ -112,8 +112,18 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
     )
 
 
-def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, live: bool) -> RunResult:
-    """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`."""
+def run(
+    config: RunConfig,
+    config_path: Path,
+    out: Path,
+    progress: Progress,
+    live: bool,
+    vehicle_program: Sequence[str] = ("vehicle_sim",),
+) -> RunResult:
+    """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`.
+
+    `vehicle_program` is the module that is started with the command line of `vehicle-sim`, and what it wants before that.
+    """
     check_vehicle_section(config, config_path)
     ports = _ports(config, config_path)
     plan = make_plan(config, config_path, progress)
@@ -122,7 +132,7 @@ def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, liv
     if live:
         # Not ours to end: it stops watching by itself when the flight is over, and its window stays until it is closed.
         subprocess.Popen(live_command(config.zenoh), start_new_session=True)
-    with _vehicle(config, plan, config_path, ports, vehicle_log):
+    with _vehicle(config, plan, config_path, ports, vehicle_log, vehicle_program):
         result = offboard(config, plan, out / "offboard.mcap", progress)
     concluded = _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
     if concluded.exit_status == 0 and concluded.summary["flight"]["rms_error_m"] is None:
@@ -207,10 +217,12 @@ def _ports(config: RunConfig, config_path: Path) -> _Ports:
 
 
 @contextmanager
-def _vehicle(config: RunConfig, plan: FlightPlan, config_path: Path, ports: _Ports, log_path: Path) -> Iterator[None]:
+def _vehicle(
+    config: RunConfig, plan: FlightPlan, config_path: Path, ports: _Ports, log_path: Path, program: Sequence[str]
+) -> Iterator[None]:
     """`vehicle-sim`, started and bound to its port, until the block ends. Its range sensor sees the map's obstacles too."""
     command = [
-        sys.executable, "-m", "vehicle_sim", str(config_path),
+        sys.executable, "-m", *program, str(config_path),
         "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
         "--clock", config.clock.mode, "--speed", str(config.clock.speed), "--seed", str(config.seed),
         "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",

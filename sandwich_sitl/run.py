@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Fault, Rung, describe
@@ -38,6 +39,7 @@ from sandwich_sitl.mission.rerouting import RerouteOrders
 from sandwich_sitl.mission.vehicle_view import VehicleView
 from sandwich_sitl.obstacle_watch import ObstacleWatch
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.recorder import RunRecorder
 from sandwich_sitl.recording.records import ControlRecord, MissionRecord, PlanUpdate, ReportedObstacle, TickTiming
 from sandwich_sitl.recording.streams import Heard
@@ -94,8 +96,7 @@ class _Loop:
         self._stop_requests = stop_requests
         self._mission = Mission(config.mission, config.start_m, config.altitude_m, float(plan.reference.t_s[-1]))
         self._pilot = Pilot(config, plan.reference, plan.corridor, make_solver)
-        self._obstacles = shapely.union_all([shapely.Polygon(ring) for ring in plan.obstacles_m])
-        shapely.prepare(self._obstacles)
+        self._obstacles = Prisms(plan.obstacles_m, plan.blocking_heights_m)
         self._watch = ObstacleWatch(config, plan, observers.obstacle_reports)
         self._orders = RerouteOrders()
         self._frames: list[tuple[float, str, bytes]] = []
@@ -113,7 +114,7 @@ class _Loop:
             period_s,
             self._config.start_m,
             lambda t_s, direction, frame: self._frames.append((t_s, direction, frame)),
-            fence=fence_around(self._plan.bounds_m, self._config.altitude_m, period_s),
+            fence=fence_around(self._plan.bounds_m, float(self._plan.reference.xyz_m[:, 2].max()), period_s),
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,
         )
@@ -211,8 +212,8 @@ class _Loop:
                 self._on_state(now_s, str(state), text)
         for report in self._orders.new:
             self._recorder.obstacle(ReportedObstacle.of(now_s, report))
-            self._obstacles = shapely.union(self._obstacles, report.obstacle.polygon)
-            shapely.prepare(self._obstacles)
+            ring_m = shapely.get_coordinates(report.obstacle.polygon.exterior)
+            self._obstacles = self._obstacles.joined_by(ring_m, np.inf)
         if self._orders.adopted is not None:
             self._recorder.plan_update(PlanUpdate.of(self._orders.adopted), self._config.altitude_m)
 
@@ -243,7 +244,7 @@ class _Loop:
                 solver_status=tick.solution.status,
                 solver_iterations=tick.solution.iterations,
                 region=tick.region,
-                clearance_m=self._clearance(view.r_m[0], view.r_m[1]),
+                clearance_m=self._clearance(view.r_m - lift),
                 offset_m=tick.offset_m,
                 delay_s=tick.delay_s,
                 reference_rate=tick.rate,
@@ -255,10 +256,9 @@ class _Loop:
             self._recorder.horizon(now_s, tick.ahead_m + lift)
             self._horizon_due_s = now_s + 1.0 / self._config.logging.horizon_hz
 
-    def _clearance(self, x: float, y: float) -> float:
-        if self._obstacles.is_empty:
-            return math.nan
-        return float(shapely.distance(self._obstacles, shapely.Point(x, y)))
+    def _clearance(self, r_m: NDArray[np.float64]) -> float:
+        distance_m = float(self._obstacles.distance_m(r_m[None])[0])
+        return distance_m if math.isfinite(distance_m) else math.nan
 
     def _record_frames(self) -> None:
         frames, self._frames = self._frames, []

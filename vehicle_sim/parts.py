@@ -64,29 +64,32 @@ class WindConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SensorsConfig:
-    """White noise of the raw sensors and first-order Gauss-Markov errors of the estimate."""
+    """White noise, constant biases and slow wander of the sensors, and what the autopilot makes of them."""
 
+    estimator: Annotated[
+        Literal["filter", "error_model"],
+        Field(
+            description="filter: an estimate made of the sensors, with PX4-like errors; "
+            "error_model: truth plus the errors `estimate_*`, all zero for a perfect estimate"
+        ),
+    ] = "filter"
     accelerometer_std_mps2: NonNegative = 0.05
+    accelerometer_bias_std_mps2: NonNegative = 0.03
     gyroscope_std_radps: NonNegative = 0.002
+    gyroscope_bias_std_radps: NonNegative = 0.002
     magnetometer_std_gauss: NonNegative = 0.002
     barometer_std_hpa: NonNegative = 0.02
-    gps_horizontal_std_m: NonNegative = 0.4
-    gps_vertical_std_m: NonNegative = 0.8
+    barometer_drift_std_m: NonNegative = 0.2
+    gps_horizontal_std_m: Annotated[float, Field(ge=0, description="each axis, nearly all of it slow wander")] = 0.3
+    gps_vertical_std_m: NonNegative = 0.6
+    gps_speed_std_mps: NonNegative = 0.1
+    gps_rate_hz: Annotated[float, Field(ge=1, le=50)] = 8.0
+    gps_delay_s: Annotated[float, Field(ge=0, le=0.15, description="from measurement to arrival")] = 0.12
+    gps_correlation_s: Annotated[float, Field(gt=0, description="of the wander of GPS and barometer")] = 60.0
     estimate_position_std_m: NonNegative = 0.02
     estimate_velocity_std_mps: NonNegative = 0.02
     estimate_attitude_std_rad: NonNegative = 0.003
     estimate_correlation_s: Positive = 5.0
-    estimator: Annotated[
-        Literal["error_model", "filter"],
-        Field(
-            description="error_model: truth plus the errors above; filter: an estimator fed by the sensors, with PX4-like errors"
-        ),
-    ] = "error_model"
-    gyroscope_bias_std_radps: NonNegative = 0.002
-    accelerometer_bias_std_mps2: NonNegative = 0.03
-    gps_rate_hz: Annotated[float, Field(ge=1, le=50)] = 5.0
-    gps_correlation_s: Annotated[float, Field(gt=0, description="of the wander of GPS positions (filter)")] = 60.0
-    gps_speed_std_mps: NonNegative = 0.1
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.link.codec import decode
 from sandwich_sitl.link.frames import (
     enu_from_ned,
     position_enu_from_ned,
@@ -58,12 +59,6 @@ _INTEGER_CODES = {
     mavlink.MAV_PARAM_TYPE_INT32: "<i",
 }
 _CHUNK = 50  # characters of a STATUSTEXT; a shorter one is the last of its text
-_DECODER = mavlink.MAVLink(None)
-
-
-def decode(frame: Frame) -> Any:
-    """The frame as a pymavlink message with named fields."""
-    return _DECODER.decode(bytearray(frame.raw))
 
 
 def payload(raw: bytes | bytearray) -> bytes:
@@ -76,7 +71,7 @@ def is_autopilot_heartbeat(frame: Frame) -> bool:
     """True for the HEARTBEAT of an autopilot, false for a ground station's, a companion's or a camera's."""
     if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
         return False
-    message = decode(frame)
+    message = decode(frame.message_id, frame.raw)
     return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID and message.type != mavlink.MAV_TYPE_GCS)
 
 
@@ -84,7 +79,7 @@ def boot_time_s(frame: Frame) -> float | None:
     """The vehicle's boot time in a frame that tells it, in seconds."""
     if frame.message_id not in _TIMED:
         return None
-    return float(decode(frame).time_boot_ms) * 1e-3
+    return float(decode(frame.message_id, frame.raw).time_boot_ms) * 1e-3
 
 
 _TIMED = frozenset(
@@ -110,7 +105,6 @@ class Telemetry:
         self._scans: list[RangeScan] = []
         self._problems: list[str] = []
         self._chunks: tuple[int, int, str] | None = None
-        self._quaternion_heard = False
         self._interval_acks = 0
         self._handlers: dict[int, Callable[[Any, float], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
@@ -138,7 +132,7 @@ class Telemetry:
         self._fields["last_heard_s"] = now_s
         handler = self._handlers.get(frame.message_id)
         if handler is not None:
-            handler(decode(frame), now_s)
+            handler(decode(frame.message_id, frame.raw), now_s)
 
     def view(self, heard: bool) -> VehicleView:
         """The view since the last call; texts and acknowledgements are handed out once, and kept until `heard`."""
@@ -191,12 +185,11 @@ class Telemetry:
         )
 
     def _attitude(self, message: Any, _now_s: float) -> None:
-        if not self._quaternion_heard:
-            q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
-            self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
+        q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
+        self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
 
     def _attitude_quaternion(self, message: Any, _now_s: float) -> None:
-        self._quaternion_heard = True
+        self._handlers.pop(mavlink.MAVLINK_MSG_ID_ATTITUDE, None)  # the better answer to the same question
         self._fields["q_wxyz"] = quaternion_enu_from_ned(message.q1, message.q2, message.q3, message.q4)
 
     def _home_position(self, _message: Any, _now_s: float) -> None:

@@ -175,13 +175,20 @@ def _check_room(config: RunConfig) -> None:
     """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up."""
     if config.mode == "paper":
         return
-    for key, plan, reference in (
-        ("speed_mps", config.mpc.speed_mps, config.planner.speed_mps),
-        ("acceleration_mps2", motion_limits(config.mpc).acceleration_mps2, config.planner.acceleration_mps2),
-    ):
+    planner, tilted = config.planner, "acceleration_mps2 (with mpc.tilt_deg)"
+    pairs = [
+        ("speed_mps", config.mpc.speed_mps, "speed_mps", planner.speed_mps),
+        (tilted, motion_limits(config.mpc).acceleration_mps2, "acceleration_mps2", planner.acceleration_mps2),
+    ]
+    if planner.floors_m:
+        pairs += [
+            ("climb_mps", config.mpc.climb_mps, "climb_mps", planner.climb_mps),
+            ("climb_mps", config.mpc.climb_mps, "descent_mps", planner.descent_mps),
+        ]
+    for key, plan, slower, reference in pairs:
         if plan < reference:
             raise InputError(
-                f"mpc.{key}: {plan:g} (with mpc.tilt_deg) is less than planner.{key} {reference:g}, so the plan could "
+                f"mpc.{key}: {plan:g} is less than planner.{slower} {reference:g}, so the plan could "
                 "not follow its own reference; raise the one or lower the other"
             )
 

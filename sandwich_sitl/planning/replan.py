@@ -110,7 +110,13 @@ def learnt(config: RunConfig, known: Known, obstacles: Sequence[Obstacle]) -> Kn
 
 
 def replan(config: RunConfig, known: Known, question: Question) -> Replan:
-    """Answer a question on ground that already holds its obstacles. Never raises what a planner may raise."""
+    """Answer a question on ground that already holds its obstacles. Never raises what a planner may raise.
+
+    Among floors no new way is sought: the map in force is that of one floor, and the old reference climbs and sinks.
+    """
+    if config.planner.floors_m:
+        why = "a way among floors is not planned anew in flight"
+        return Replan(Verdict.NONE, question.reference, question.corridor, _NO_ROUTE, why)
     ground = ground_of(config, known.channel_map, [o.polygon for o in known.obstacles])
     try:
         here = state_at(question.reference, question.from_s).r_m[:2]

@@ -59,6 +59,7 @@ def whole_corridor(log: RunLog) -> Corridor | None:
         np.concatenate([part.Gamma for part in parts]),
         tuple(ring for part in parts for ring in part.polygons_m),
         np.concatenate([part.neighbours_m for part in parts]),
+        log.plan.corridor.z_m,
     )
 
 

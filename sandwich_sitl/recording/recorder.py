@@ -92,8 +92,7 @@ class RunRecorder:
         if self._streams is not None:
             self._streams.put(PLAN_TOPIC, data)
         self.metadata("plan", {"name": plan.name, "seconds": plan.seconds})
-        altitude_m = np.full(len(plan.route_m), plan.altitude_m)
-        self._write("/plan/path", t_ns, messages.poses(t_ns, np.column_stack([plan.route_m, altitude_m])))
+        self._write("/plan/path", t_ns, messages.poses(t_ns, plan.path_m))
         self._write("/plan/map", t_ns, map_update(plan, t_ns))
         self._write("/scene", t_ns, scene_update(plan, t_ns))
 

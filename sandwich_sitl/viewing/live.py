@@ -132,7 +132,8 @@ class LiveEntities:
         if self._plan is not None and message.region != self._region and 0 <= message.region < len(self._rings_m):
             self._region = message.region
             ring = self._rings_m[self._region]
-            self._entities.region(t_s, [ring], self._plan.altitude_m)
+            z_m = self._plan.corridor.z_m[self._region : self._region + 1]
+            self._entities.region(t_s, [ring], self._plan.altitude_m, z_m)
 
 
 def watch(

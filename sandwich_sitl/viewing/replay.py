@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.errors import InputError, SandwichError
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.detours import appeared, whole_corridor
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.scene import UNKNOWN_HEIGHT_FACTOR
@@ -103,7 +103,8 @@ def _log_control(entities: EntityLog, log: RunLog) -> None:
     changed = np.flatnonzero(np.diff(control.region, prepend=-1) != 0)
     changed = changed[control.region[changed] >= 0]
     rings = [corridor.polygons_m[region] for region in control.region[changed]]
-    entities.region(control.t_s[changed], rings, plan.altitude_m)
+    z_m = corridor.z_m[control.region[changed]] if len(corridor.z_m) else corridor.z_m
+    entities.region(control.t_s[changed], rings, plan.altitude_m, z_m)
 
 
 def _log_detours(entities: EntityLog, log: RunLog) -> None:
@@ -139,8 +140,8 @@ def _clearance(log: RunLog) -> tuple[Array, Array]:
         return log.control.t_s[known], log.control.clearance_m[known]
     if not log.plan.obstacles_m:
         return np.empty(0), np.empty(0)
-    obstacles: Any = shapely.union_all([shapely.Polygon(ring) for ring in log.plan.obstacles_m])
-    return log.truth.t_s, shapely.distance(obstacles, shapely.points(log.truth.r_m[:, :2]))
+    obstacles = Prisms(log.plan.obstacles_m, log.plan.blocking_heights_m)
+    return log.truth.t_s, obstacles.distance_m(log.truth.r_m)
 
 
 def _log_mission(entities: EntityLog, log: RunLog) -> None:

@@ -35,6 +35,8 @@ STREAMS: dict[int, tuple[Builder, int]] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: (status.home_position, 2_000_000),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: (status.battery_status, 2_000_000),
     mavlink.MAVLINK_MSG_ID_VIBRATION: (status.vibration, 2_000_000),
+    identity.CURRENT_MODE: (identity.current_mode, 2_000_000),
+    identity.PROTOCOL_VERSION: (identity.protocol_version, 0),
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: (status.gps_global_origin, 0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (identity.autopilot_version, 0),
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: (motion.hil_state_quaternion, 0),
