@@ -34,6 +34,7 @@ planner: {vehicle_radius_m: 0.4, margin_m: 0.6, cell_m: 1.0, flow: x, speed_mps:
 link: {uri: "udpin://127.0.0.1:0"}
 zenoh: {enabled: false}
 vehicle:
+  sensors: {estimator: error_model}
   range_sensor: {rate_hz: 10, reach_m: 15}
   obstacles:
     - {name: lorry, polygon_m: [[25, 9], [27, 9], [27, 16], [25, 16]], appears_s: 14}
