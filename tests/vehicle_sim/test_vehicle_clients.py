@@ -9,7 +9,7 @@ import pytest
 
 TOP = Path(__file__).parents[2]
 CLIENTS = Path(os.environ.get("SITL_CLIENTS", TOP / ".clients"))
-FEATURES = {"mavsdk4": 23, "mavsdk3": 16, "mavproxy": 16}
+FEATURES = {"mavsdk4": 25, "mavsdk3": 18, "mavproxy": 16}
 
 
 @pytest.mark.slow
