@@ -116,6 +116,32 @@ class FailureConfig:
 
 
 @dataclass(frozen=True, config=STRICT)
+class ObstacleConfig:
+    """Something solid that stands in the true world from a time on; others learn of it through the range sensor alone."""
+
+    name: Annotated[str, Field(min_length=1)]
+    polygon_m: Annotated[
+        tuple[tuple[float, float], ...], Field(min_length=3, description="corners, x east, y north, world frame")
+    ]
+    appears_s: Annotated[float, Field(ge=0, description="time since boot")] = 0.0
+    height_m: Annotated[float | None, Field(gt=0, description="above the ground; null: higher than anything flies")] = (
+        None
+    )
+
+
+@dataclass(frozen=True, config=STRICT)
+class RangeSensorConfig:
+    """A level scanner on the vehicle's nose that sends OBSTACLE_DISTANCE."""
+
+    rate_hz: Annotated[float, Field(ge=0.5, le=50)] = 10.0
+    reach_m: Annotated[float, Field(gt=0, le=650)] = 20.0
+    least_m: Annotated[float, Field(ge=0, description="shortest range it can tell")] = 0.2
+    field_deg: Annotated[float, Field(gt=0, le=360, description="centred on the nose")] = 360.0
+    sectors: Annotated[int, Field(ge=1, le=72)] = 72
+    noise_std_m: NonNegative = 0.03
+
+
+@dataclass(frozen=True, config=STRICT)
 class SigningConfig:
     """MAVLink 2 signing: on when there is a passphrase."""
 

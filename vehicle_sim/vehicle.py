@@ -21,6 +21,7 @@ from vehicle_sim.flight import advance
 from vehicle_sim.geo import GeoFrame
 from vehicle_sim.memory import FLIGHT, Fields
 from vehicle_sim.noise import NOISE_COLUMNS, NoiseTable
+from vehicle_sim.obstacles import RangeSensor
 from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.rotation import Vector
 from vehicle_sim.rotors import Four
@@ -44,8 +45,11 @@ def step_for_period_us(period_us: int) -> int:
 class Vehicle:
     """Truth, estimate and autopilot of one quadcopter."""
 
-    def __init__(self, config: VehicleConfig, seed: int, period_us: int = 20_000) -> None:
+    def __init__(
+        self, config: VehicleConfig, seed: int, period_us: int = 20_000, range_sensor: RangeSensor | None = None
+    ) -> None:
         self.config = config
+        self.range_sensor = range_sensor
         self.step_us = step_for_period_us(period_us)
         self.t_us = 0
         self._slow_every = max(1, _SLOW_US // self.step_us)

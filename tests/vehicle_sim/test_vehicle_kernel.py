@@ -16,7 +16,8 @@ from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.flight import advance
 from vehicle_sim.noise import NOISE_COLUMNS, NoiseTable
-from vehicle_sim.parts import FailureConfig, WindConfig
+from vehicle_sim.obstacles import RangeSensor, Scene
+from vehicle_sim.parts import FailureConfig, ObstacleConfig, RangeSensorConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.protocol.payloads import base_length, payload_of
@@ -29,9 +30,11 @@ STILL = (0.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def flying() -> Vehicle:
-    """In the air under OFFBOARD, in wind, off its setpoint."""
+    """In the air under OFFBOARD, in wind, off its setpoint, with every sensor."""
     wind = WindConfig((3.0, 1.0, 0.0), (1.0, 1.0, 0.5), dryden_w20_mps=8.0)
-    vehicle = Vehicle(VehicleConfig(wind=wind), 3)
+    wall = ObstacleConfig("wall", ((8.0, 5.0), (9.0, 5.0), (9.0, -5.0)))
+    sensor = RangeSensor(RangeSensorConfig(), Scene.of([wall], (0.0, 0.0)), 3)
+    vehicle = Vehicle(VehicleConfig(wind=wind), 3, range_sensor=sensor)
     for k in range(500):
         vehicle.autopilot.receive_setpoint(
             SetpointMessage(1, 0, (2.0, 1.0, -4.0), (0.5, 0.0, 0.0), STILL, 0.7, 0.1), vehicle.estimate

@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.telemetry import identity, motion, status
+from vehicle_sim.telemetry import identity, motion, ranging, status
 from vehicle_sim.vehicle import Vehicle
 
 Builder = Callable[[Vehicle], Any]
@@ -40,6 +40,7 @@ STREAMS: dict[int, tuple[Builder, int]] = {
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: (status.gps_global_origin, 0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (identity.autopilot_version, 0),
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: (motion.hil_state_quaternion, 0),
+    mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: (ranging.obstacle_distance, 0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (identity.mission_current, 1_000_000),
 }
 #: Messages that PX4 would send if the part were there: a rate may be set, nothing comes, a request is denied.
