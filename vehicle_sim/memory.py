@@ -58,6 +58,7 @@ _FLIGHT = [
     ("error", "f8", 9),
     ("gyro_bias", "f8", 3),  # biases as the estimator believes them
     ("down_bias", "f8"),  # of the accelerometer
+    ("last_fix", "i8"),  # tick in which GPS was last heard
     ("innovation", "f8", 8),  # last ones: GPS position and velocity, height by the barometer (m), heading (rad)
     # slow wander of GPS position and of the barometer's height; by tick: fixes under way, what was believed; the sensors' last sample:
     # specific force, rates, field, pressure, GPS position and velocity

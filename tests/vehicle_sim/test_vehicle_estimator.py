@@ -152,6 +152,17 @@ def test_without_gps_the_estimate_drifts_and_after_the_time_out_the_vehicle_desc
     assert horizontal_error_m(drifting.vehicle) > before_m + 0.3
 
 
+def test_gps_that_comes_back_after_long_is_believed_at_once() -> None:
+    loss, back = FailureConfig(at_s=14.0, part="gps"), FailureConfig(at_s=34.0, part="gps", ok=True)
+    vehicle = Vehicle(VehicleConfig(failures=(loss, back)), 2)
+    vehicle.advance(400 * 14)
+    vehicle.flight.estimate[:2] += 20.0  # as after a long drift
+    vehicle.advance(400 * 20)
+    assert horizontal_error_m(vehicle) > 10.0
+    vehicle.advance(200)
+    assert horizontal_error_m(vehicle) < 1.5
+
+
 def test_a_short_loss_of_gps_is_bridged() -> None:
     loss, back = FailureConfig(at_s=14.0, part="gps"), FailureConfig(at_s=17.0, part="gps", ok=True)
     flight = Flight(failures=(loss, back)).take_off()
