@@ -92,7 +92,7 @@ class MpcConfig:
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 8.0
     solver: Annotated[
         Literal["osqp", "active_set", "daqp", "piqp", "clarabel"],
-        Field(description="active_set is the own exact one; daqp, piqp and clarabel need the extra `solvers`"),
+        Field(description="active_set is the own exact one; daqp and clarabel need the extra `solvers`"),
     ] = "osqp"
     speed_mps: Annotated[float, Field(gt=0, description="horizontal speed the plan keeps to")] = 12.0
     climb_mps: Annotated[float, Field(gt=0, description="vertical speed the plan keeps to")] = 3.0

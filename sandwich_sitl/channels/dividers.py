@@ -12,7 +12,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-import osqp
+import piqp
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
@@ -26,6 +26,8 @@ _KEPT_SHARE = 0.35  # of the equal-spacing gap, kept free on each side of a stre
 _STIFFNESS = 0.15  # of the world's height: the length a bend spreads over
 _OPENING = 0.5  # how fast, per metre along x, the kept gap may grow behind a narrow place
 _GIVEN_SHARE = 0.25  # of the room to its neighbours a streamline may give when vertices are dropped: two give half
+_ACCURACY = 1e-7  # of the spacing problem's residuals, metres: its typical diagonal entry is one
+_MOST_ITERATIONS = 100
 _COARSEST = 0.05  # of a column: what dropping vertices may move where there is room
 
 
@@ -97,7 +99,7 @@ def _smooth(
     y = even.copy()
     if levels > 2:
         y[1:-1] = _solve_spacing(x, low, high, even, gap, chains, bounds)
-    # OSQP is accurate to about 1e-4; one sweep up and one down make the kept gaps exact.
+    # The solver is accurate to its tolerance; one sweep up and one down make the kept gaps exact.
     kept = 0.5 * _KEPT_SHARE * gap
     top_of = np.where(np.isnan(high), y, high)
     for level in range(1, levels - 1):
@@ -153,57 +155,61 @@ def _solve_spacing(
     bounds: tuple[float, float, float, float],
 ) -> Array:
     """minimise bending + departure from `even`, subject to kept gaps, tips fixed; returns y (p - 1, n)."""
-    levels, n = low.shape
-    inner = levels - 2
-    index = np.arange(inner * n).reshape(inner, n)
+    inner = len(low) - 2
     free = np.isnan(low[1:-1])
-    fixed_y = even[1:-1].copy()
+    y = np.where(free, 0.0, even[1:-1])
     for d, chain in enumerate(chains):
         for barrier in chain:
             for tip, x_end in ((barrier.left_tip, barrier.x_min), (barrier.right_tip, barrier.x_max)):
                 if tip is not None:
-                    fixed_y[d, np.searchsorted(x, x_end)] = tip[1]
+                    y[d, np.searchsorted(x, x_end)] = tip[1]
+    moving = np.flatnonzero(free)
+    if len(moving) == 0:
+        return y
     width = _STIFFNESS * (bounds[3] - bounds[1])
-    bending = sp.block_diag([_bending(x, free[d]) for d in range(inner)], format="csc")
-    weight = np.gradient(x)
-    slope = sp.block_diag([_slope(x, free[d]) for d in range(inner)], format="csc")
-    P = width**4 * bending + width**2 * slope + sp.diags_array(np.tile(weight, inner))
-    q = -np.tile(weight, inner) * even[1:-1].ravel()
-    pinned = index[~free]
-    rows, lower = [sp.eye_array(inner * n, format="csr")[pinned]], [fixed_y[~free]]
-    upper = [fixed_y[~free]]
+    bending = sp.block_diag([_bending(x, free[d]) for d in range(inner)], format="csr")
+    slope = sp.block_diag([_slope(x, free[d]) for d in range(inner)], format="csr")
+    weight = np.tile(np.gradient(x), inner)
+    P = sp.csr_array(width**4 * bending + width**2 * slope + sp.diags_array(weight))
+    q = P @ y.ravel() - weight * even[1:-1].ravel()
+    rows, bound = _kept_gaps(low, high, gap)
+    # Pinned values go out of the problem: no solver tried came near the optimum with them in.
+    y[free] = _least(P[moving][:, moving], q[moving], rows[:, moving], bound, even[1:-1][free])
+    return y
+
+
+def _least(P: sp.csr_array, q: Array, rows: sp.csr_array, bound: Array, otherwise: Array) -> Array:
+    """minimise 1/2 y'P y + q'y subject to rows y >= bound; `otherwise` where the solver gives up."""
+    scale = 1.0 / float(np.median(P.diagonal()))
+    solver = piqp.SparseSolver()
+    solver.settings.eps_abs, solver.settings.eps_rel = _ACCURACY, 0.0
+    solver.settings.max_iter = _MOST_ITERATIONS
+    above = np.full(len(bound), np.inf)
+    solver.setup(sp.csc_matrix(scale * P), scale * q, None, None, sp.csc_matrix(rows), bound, above)
+    return np.asarray(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else otherwise
+
+
+def _kept_gaps(low: Array, high: Array, gap: Array) -> tuple[sp.csr_array, Array]:
+    """Rows and bounds of y_above - y_below >= kept gap, for neighbours of which at least one is free.
+
+    Columns of the rows stand for y (p - 1, n), flattened; what is fixed has gone into the bound.
+    """
+    levels, n = low.shape
+    inner = levels - 2
+    index = np.arange(inner * n).reshape(inner, n)
+    rows, lower = [], []
     for k in range(levels - 1):
         active = np.flatnonzero(np.isnan(low[k]) | np.isnan(low[k + 1]))
         below_free, above_free = np.isnan(low[k, active]), np.isnan(low[k + 1, active])
         bound = _KEPT_SHARE * gap[k, active]
-        bound = bound + np.where(below_free, 0.0, high[k, active]) - np.where(above_free, 0.0, low[k + 1, active])
+        lower.append(bound + np.where(below_free, 0.0, high[k, active]) - np.where(above_free, 0.0, low[k + 1, active]))
         number = np.arange(len(active))
-        entries = [
-            (number[above_free], index[k][active[above_free]] if k < inner else np.empty(0, int), 1.0),
-            (number[below_free], index[k - 1][active[below_free]] if k > 0 else np.empty(0, int), -1.0),
-        ]
-        r, c, v = (
-            np.concatenate(parts) for parts in zip(*[(r, c, np.full(len(r), s)) for r, c, s in entries], strict=True)
-        )
-        rows.append(sp.csr_array((v, (r, c)), shape=(len(active), inner * n)))
-        lower.append(bound)
-        upper.append(np.full(len(active), np.inf))
-    solver = osqp.OSQP()
-    solver.setup(
-        sp.csc_matrix(sp.triu(P)),
-        q,
-        sp.csc_matrix(sp.vstack(rows)),
-        np.concatenate(lower),
-        np.concatenate(upper),
-        verbose=False,
-        eps_abs=1e-4,
-        eps_rel=1e-4,
-        max_iter=4000,
-        adaptive_rho_interval=50,
-    )
-    solution = solver.solve(raise_error=False)
-    values = np.asarray(solution.x, dtype=float).reshape(inner, n)
-    return np.where(np.isfinite(values), np.where(free, values, fixed_y), even[1:-1])
+        above = index[k][active[above_free]] if k < inner else np.empty(0, int)
+        below = index[k - 1][active[below_free]] if k > 0 else np.empty(0, int)
+        values = np.concatenate([np.ones(len(above)), -np.ones(len(below))])
+        at = np.concatenate([number[above_free], number[below_free]]), np.concatenate([above, below])
+        rows.append(sp.csr_array((values, at), shape=(len(active), inner * n)))
+    return sp.csr_array(sp.vstack(rows)), np.concatenate(lower)
 
 
 def _bending(x: Array, free: NDArray[np.bool_]) -> sp.csc_array:

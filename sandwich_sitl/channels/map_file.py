@@ -12,7 +12,7 @@ from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.world.grow import GrownWorld
 
-_FORMAT = 6  # of the file and of the way maps are made: a change of either makes kept maps void
+_FORMAT = 7  # of the file and of the way maps are made: a change of either makes kept maps void
 
 
 def map_key(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flow) -> str:
