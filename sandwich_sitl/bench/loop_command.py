@@ -2,6 +2,7 @@
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.loop_peer import fly_rotorpy, interpreter
     from sandwich_sitl.recording.reader import RunLog
 
-    given = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
+    given = _overrides(arguments.set)
     solvers = [{"mpc.solver": name} for name in arguments.solver] or [{}]
     factors, tables = [FACTORS_HEAD], []
     with tempfile.TemporaryDirectory() as folder:
@@ -71,3 +72,13 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     assert plan is not None
     print(fly_rotorpy(interpreter(arguments.rotorpy), plan.reference, arguments.peer_seconds))
     return 0
+
+
+def _overrides(items: Sequence[str]) -> dict[str, Any]:
+    overrides: dict[str, Any] = {}
+    for item in items:
+        key, separator, text = item.partition("=")
+        if not separator or not key:
+            raise InputError(f"--set {item}: must be KEY=VALUE, such as mpc.solver=active_set")
+        overrides[key] = yaml.safe_load(text)
+    return overrides
