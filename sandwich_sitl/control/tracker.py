@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine
 from sandwich_sitl.control.estimator import VehicleEstimator
+from sandwich_sitl.control.lookup import between
 from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
 from sandwich_sitl.control.reference_clock import ReferenceClock
 from sandwich_sitl.control.stop_plan import StopPlan, standing, stop_along
@@ -187,11 +188,7 @@ class Tracker:
 
     def _sample(self, t_s: Array) -> tuple[Array, Indices]:
         """Desired positions (n, 3) and regions (n,) at times (n,), held at both ends."""
-        at = np.clip(t_s / self._period_s, 0.0, len(self._reference.t_s) - 1)
-        below = np.minimum(at.astype(np.int64), len(self._reference.t_s) - 2)
-        share = (at - below)[:, None]
-        xyz = self._reference.xyz_m
-        return (1 - share) * xyz[below] + share * xyz[below + 1], self._reference.region[np.rint(at).astype(np.int64)]
+        return between(t_s, self._period_s, self._reference.xyz_m, self._reference.region)
 
 
 def _bounds(config: RunConfig) -> Bounds:
