@@ -130,7 +130,8 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
 
 def _route(config: RunConfig, channel_map: ChannelMap, here: Array) -> Array:
     """The route (n, 2) from `here` to the goal; it begins on the map's nearest ground where `here` has been left out."""
-    map_graph, goal = build_map_graph(channel_map), np.array(config.goal_m, dtype=float)
+    # Time counts, and the route is pulled tight: the eight neighbours give its class.
+    map_graph, goal = build_map_graph(channel_map, wide=False), np.array(config.goal_m, dtype=float)
     if not links(map_graph, goal):
         blocker = channel_map.grown.blocker(config.goal_m)
         raise NoRouteError(f"the goal lies in obstacle '{blocker}', grown by the vehicle's radius and margin")
