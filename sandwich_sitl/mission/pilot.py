@@ -94,7 +94,7 @@ class Pilot:
     def adopt(self, replan: Replan) -> None:
         """Fly another reference from now on; it agrees with the present one up to now."""
         self._reference, self._corridor = replan.reference, replan.corridor
-        self._leads_on = replan.verdict is Verdict.ROUTE
+        self._leads_on = replan.verdict is Verdict.ROUTE and replan.whole
         if self._tracker is not None:
             self._tracker.adopt(self._reference, self._corridor)
 
