@@ -244,6 +244,27 @@ def test_first_heartbeat_within_a_second_and_memory_below_200_mib(start: Start) 
     assert max(peaks[1:]) < 200, peaks
 
 
+@pytest.mark.slow
+def test_the_first_start_of_an_installation_is_quick_and_small_too(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is compiled yet; the compiler runs beside the vehicle, which takes up its work when that is done."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        target = f"udpout://127.0.0.1:{sock.getsockname()[1]}"
+        process = start("--connect", target, "--bind", "127.0.0.1:0", ready=0)
+        Talker(sock).hear("HEARTBEAT", 30.0)
+        assert processor_s(process.pid) < 1.0
+        end = time.monotonic() + 100.0
+        while not list(tmp_path.glob("cache/**/*advance*.nbi")) and time.monotonic() < end:
+            time.sleep(0.2)
+        time.sleep(3.0)
+        assert list(tmp_path.glob("cache/**/*advance*.nbc"))
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        assert int(status.split("VmHWM:")[1].split()[0]) / 1024 < 200
+
+
 def test_listings_need_no_configuration() -> None:
     for option, expected in (("--contract", "Disarming denied: not landed"), ("--parameters", "COM_OF_LOSS_T")):
         done = subprocess.run(
