@@ -104,10 +104,12 @@ _CONSTANTS = [
     # errors of the estimate: share kept, kicks of position, velocity, attitude
     ("error_keep", "f8"),
     ("error_kick", "f8", 3),
-    # the estimator: on; sensors: biases of the inertial ones, GPS fixes a tick and their delay in ticks, share of wander kept and its kicks
+    # the estimator: on; sensors: biases of gyroscope, accelerometer and magnetometer, GPS fixes a tick and their delay in ticks, share of
+    # wander kept and its kicks
     ("filter", "i8"),
     ("gyro_bias", "f8", 3),
     ("accel_bias", "f8", 3),
+    ("field_bias", "f8", 3),
     ("fixes_per_tick", "f8"),
     ("gps_delay", "i8"),
     ("wander_keep", "f8"),

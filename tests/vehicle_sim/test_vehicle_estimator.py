@@ -10,6 +10,7 @@ from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.parts import FailureConfig, SensorsConfig
 from vehicle_sim.protocol.node import Node
+from vehicle_sim.sensors import MAGNETIC_FIELD_NED_GAUSS
 from vehicle_sim.telemetry.status import estimator_status
 from vehicle_sim.vehicle import Vehicle
 
@@ -18,6 +19,7 @@ from .node_client import EXACT, Client, named
 
 #: A wander that forgets within seconds, so that a minute of one seed holds many independent errors.
 QUICK = SensorsConfig(gps_correlation_s=5.0)
+UNBIASED = SensorsConfig(accelerometer_bias_std_mps2=0.0, gyroscope_bias_std_radps=0.0, magnetometer_bias_std_gauss=0.0)
 
 
 def horizontal_error_m(vehicle: Vehicle) -> float:
@@ -115,6 +117,26 @@ def test_gps_comes_at_its_rate_and_late_in_telemetry_too() -> None:
     lag = [t - place / 2.0 for t, place in seen[1:]]
     assert lag == pytest.approx([0.12] * len(lag), abs=0.0151)  # looked at one tick, moved by hand one tick
     assert vehicle.readings.gps_velocity_mps[0] == pytest.approx(2.0, abs=0.2)
+
+
+def test_inertial_sensors_and_magnetometer_are_biased_by_the_seed() -> None:
+    """The mean of many readings at rest is truth and bias; another seed has others, a configuration of zeros none."""
+    means = []
+    for seed, sensors in ((1, SensorsConfig()), (2, SensorsConfig()), (1, UNBIASED)):
+        vehicle = Vehicle(VehicleConfig(sensors=sensors), seed)
+        vehicle.advance(400)
+        read = []
+        for _ in range(1000):
+            vehicle.advance(8)
+            r = vehicle.readings
+            read.append((*r.specific_force_mps2, *r.gyroscope_radps, *r.magnetometer_gauss))
+        c = vehicle.constants
+        offset = np.mean(read, axis=0) - (0.0, 0.0, -9.80665, 0.0, 0.0, 0.0, *MAGNETIC_FIELD_NED_GAUSS)
+        assert offset == pytest.approx(np.concatenate((c.accel_bias, c.gyro_bias, c.field_bias)), abs=0.006)
+        means.append(np.concatenate((c.accel_bias, c.gyro_bias, c.field_bias)))
+    assert np.all(np.abs(means[0]) > 0)
+    assert not np.any(np.isclose(means[0], means[1], rtol=1e-3))
+    assert not np.any(means[2])
 
 
 def test_telemetry_states_the_accuracy_and_the_test_ratios() -> None:
