@@ -84,7 +84,7 @@ def way_of(reference: Reference, ends_m: tuple[float, float], floors_m: tuple[fl
     """The way of a reference between the start's and the goal's floor, `ends_m`."""
     xyz = reference.xyz_m
     began = int(np.argmax(xyz[:, 2] >= ends_m[0] - _HAIR_M))
-    xyz = xyz[began:]
+    xyz = np.concatenate([[[*xyz[0, :2], ends_m[0]]], xyz[began:]])
     rise = np.diff(xyz[:, 2])
     on = np.abs(xyz[:, 2, None] - np.array(floors_m)) < _LEVEL_M
     visited = np.argmax(on, axis=1)[on.any(axis=1)]
