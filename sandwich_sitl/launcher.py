@@ -6,6 +6,7 @@ its section of the configuration. Everything between the two goes over MAVLink.
 
 import dataclasses
 import json
+import math
 import platform
 import select
 import socket
@@ -111,8 +112,18 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
     )
 
 
-def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, live: bool) -> RunResult:
-    """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`."""
+def run(
+    config: RunConfig,
+    config_path: Path,
+    out: Path,
+    progress: Progress,
+    live: bool,
+    vehicle_program: Sequence[str] = ("vehicle_sim",),
+) -> RunResult:
+    """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`.
+
+    `vehicle_program` is the module that is started with the command line of `vehicle-sim`, and what it wants before that.
+    """
     check_vehicle_section(config, config_path)
     ports = _ports(config, config_path)
     plan = make_plan(config, config_path, progress)
@@ -121,7 +132,7 @@ def run(config: RunConfig, config_path: Path, out: Path, progress: Progress, liv
     if live:
         # Not ours to end: it stops watching by itself when the flight is over, and its window stays until it is closed.
         subprocess.Popen(live_command(config.zenoh), start_new_session=True)
-    with _vehicle(config, config_path, ports, vehicle_log):
+    with _vehicle(config, plan, config_path, ports, vehicle_log, vehicle_program):
         result = offboard(config, plan, out / "offboard.mcap", progress)
     concluded = _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
     if concluded.exit_status == 0 and concluded.summary["flight"]["rms_error_m"] is None:
@@ -148,7 +159,8 @@ def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Prog
     with streams, RunRecorder(log_path, flush_s=config.logging.flush_s, metadata=about, streams=streams) as recorder:
         recorder.plan(0.0, plan)
         with StopRequests() as stop:
-            result = fly(config, plan, Observers(recorder, progress.flight), stop)
+            observers = Observers(recorder, progress.flight, streams.obstacle_reports())
+            result = fly(config, plan, observers, stop)
         recorder.metadata(
             "result",
             {
@@ -205,15 +217,22 @@ def _ports(config: RunConfig, config_path: Path) -> _Ports:
 
 
 @contextmanager
-def _vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path) -> Iterator[None]:
-    """`vehicle-sim`, started and bound to its port, until the block ends."""
+def _vehicle(
+    config: RunConfig, plan: FlightPlan, config_path: Path, ports: _Ports, log_path: Path, program: Sequence[str]
+) -> Iterator[None]:
+    """`vehicle-sim`, started and bound to its port, until the block ends. Its range sensor sees the map's obstacles too."""
     command = [
-        sys.executable, "-m", "vehicle_sim", str(config_path),
+        sys.executable, "-m", *program, str(config_path),
         "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
         "--clock", config.clock.mode, "--speed", str(config.clock.speed), "--seed", str(config.seed),
         "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",
         "--set", f"start_m={json.dumps(config.start_m)}", "--until-eof",
     ]  # fmt: skip
+    surroundings = None
+    if config.vehicle.get("range_sensor") is not None:
+        surroundings = log_path.with_suffix(".surroundings.json")
+        surroundings.write_text(json.dumps(_surroundings(plan)), encoding="utf-8")
+        command += ["--surroundings", str(surroundings)]
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -230,6 +249,18 @@ def _vehicle(config: RunConfig, config_path: Path, ports: _Ports, log_path: Path
         for pipe in (process.stdin, process.stdout, process.stderr):
             if pipe is not None:
                 pipe.close()
+        if surroundings is not None:
+            surroundings.unlink(missing_ok=True)
+
+
+def _surroundings(plan: FlightPlan) -> list[dict[str, Any]]:
+    """The map's obstacles as the vehicle reads them."""
+    return [
+        {"name": name, "polygon_m": ring.tolist(), "height_m": None if math.isnan(height) else height}
+        for name, ring, height in zip(
+            plan.obstacle_names, plan.obstacles_m, plan.obstacle_heights_m.tolist(), strict=True
+        )
+    ]
 
 
 def _wait_until_bound(process: subprocess.Popen[str]) -> None:

@@ -76,12 +76,18 @@ class Tracker:
         self._stop = standing(self.command, mpc.step_s)
         self._stop_began_s = 0.0
         self._stop_sigma: Callable[[Array], Array] = self.clock.ahead
+        self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
         self._last_s = -self._period_s
 
     @property
     def finished(self) -> bool:
         """Whether the reference has come to its end."""
         return self.clock.t_s >= float(self._reference.t_s[-1])
+
+    def adopt(self, reference: Reference, corridor: Corridor) -> None:
+        """Fly another reference, which agrees with the present one up to the reference's present time and on."""
+        self._reference, self._corridor = reference, corridor
+        self.way_is_barred = False
 
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
@@ -158,12 +164,15 @@ class Tracker:
 
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
+        if self.way_is_barred:
+            return self._mpc.no_solution(), None, Fault.OBSTACLE
         delay = self.estimator.delay_s
         offset = self.estimator.offset_ahead(self._steps_s + delay)
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
         moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
-        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved)
+        band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
@@ -171,7 +180,8 @@ class Tracker:
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
         _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
         aimed_off, corridor = self.estimator.offset_ahead(times + delay), self._corridor
-        fault = examine(stop.states(times), aimed_off, corridor.Lambda, corridor.Gamma, along, self._bounds)
+        Lambda, Gamma, z_m = corridor.Lambda, corridor.Gamma, corridor.z_m
+        fault = examine(stop.states(times), aimed_off, Lambda, Gamma, along, self._bounds, z_m)
         return solution, stop if fault is Fault.NONE else None, fault
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:

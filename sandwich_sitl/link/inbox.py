@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sandwich_sitl.link.telemetry import Telemetry, decode, is_autopilot_heartbeat
+from sandwich_sitl.link.codec import decode
+from sandwich_sitl.link.telemetry import Telemetry, is_autopilot_heartbeat
 from sandwich_sitl.link.wire import Frame
 
 OnFrame = Callable[[float, str, bytes], None]
@@ -66,7 +67,7 @@ class Inbox:
                 self.lost += ahead - 1
                 self._sequence = frame.sequence
         if frame.message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
-            message = decode(frame)
+            message = decode(frame.message_id, frame.raw)
             if message.tc1 == 0:
                 self._timesync.append(message.ts1)
         self.telemetry.feed(frame, now_s)

@@ -11,6 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from sandwich_sitl.errors import LinkError
+from sandwich_sitl.link.codec import Layout
 from sandwich_sitl.link.frames import Triple, flip_yaw, ned_from_enu, position_ned_from_enu
 from sandwich_sitl.link.modes import mode_parameters
 from sandwich_sitl.mission.commands import Arm, Command, ReadParameter, SetMessageInterval, SetMode, TakeOff
@@ -31,6 +32,8 @@ ACK_OF = {
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: AckOf.MESSAGE_INTERVAL,
 }
 
+_SETPOINT = Layout(mavlink.MAVLink_set_position_target_local_ned_message)
+_TIMESYNC = Layout(mavlink.MAVLink_timesync_message)
 _ZERO: Triple = (0.0, 0.0, 0.0)
 _FARTHEST = 1e6  # metres; no local frame reaches farther
 
@@ -85,7 +88,7 @@ class Encoder:
 
     def timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
         """The answer to a TIMESYNC request."""
-        return self._pack(self._mav.timesync_encode(tc1_ns, ts1_ns))
+        return self._prepared(_TIMESYNC, tc1_ns, ts1_ns)
 
     def command(self, command: Command, confirmation: int = 0) -> bytes:
         """COMMAND_LONG or PARAM_REQUEST_READ; `confirmation` counts the repetitions."""
@@ -104,15 +107,16 @@ class Encoder:
                 return self._pack(self._mav.param_request_read_encode(*self._target, name.encode("ascii"), -1))
 
     def _target_frame(self, boot_ms: int, mask: int, axes: tuple[float, ...], yaw: float) -> bytes:
-        return self._pack(
-            self._mav.set_position_target_local_ned_encode(
-                boot_ms, *self._target, mavlink.MAV_FRAME_LOCAL_NED, mask, *axes, yaw, 0.0
-            )
-        )
+        return self._prepared(_SETPOINT, boot_ms, *axes, yaw, 0.0, mask, *self._target, mavlink.MAV_FRAME_LOCAL_NED)
 
     def _long(self, number: int, confirmation: int, *parameters: float) -> bytes:
         padded = (*parameters, *(0.0,) * (7 - len(parameters)))
         return self._pack(self._mav.command_long_encode(*self._target, number, confirmation, *padded))
+
+    def _prepared(self, layout: Layout, *values: float) -> bytes:
+        sequence = self._mav.seq
+        self._mav.seq = (sequence + 1) % 256
+        return layout.frame(sequence, self._mav.srcSystem, self._mav.srcComponent, *values)
 
     def _pack(self, message: Any) -> bytes:
         raw: bytes = message.pack(self._mav)

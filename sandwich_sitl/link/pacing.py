@@ -21,8 +21,9 @@ from typing import Protocol
 from pymavlink.dialects.v20 import common as mavlink
 
 from sandwich_sitl.errors import LinkError
+from sandwich_sitl.link.codec import decode
 from sandwich_sitl.link.inbox import Inbox
-from sandwich_sitl.link.telemetry import boot_time_s, decode, is_autopilot_heartbeat
+from sandwich_sitl.link.telemetry import boot_time_s, is_autopilot_heartbeat
 from sandwich_sitl.link.transport import Transport
 from sandwich_sitl.link.wire import Frame, FrameSplitter
 
@@ -113,7 +114,7 @@ class LockstepPacer:
     def _accept(self, frames: Sequence[Frame]) -> bool:
         if not frames or frames[-1].message_id != mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
             return False
-        time_ms = int(decode(frames[-1]).time_boot_ms)
+        time_ms = int(decode(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, frames[-1].raw).time_boot_ms)
         if time_ms <= self._time_ms:
             return False
         sender = (frames[-1].system_id, frames[-1].component_id)

@@ -11,6 +11,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from sandwich_sitl.errors import InputError
+from sandwich_sitl.link.codec import decode
 from sandwich_sitl.link.frames import (
     enu_from_ned,
     position_enu_from_ned,
@@ -19,12 +21,14 @@ from sandwich_sitl.link.frames import (
 )
 from sandwich_sitl.link.messages import ACK_OF
 from sandwich_sitl.link.modes import AUTOPILOTS, mode_of
+from sandwich_sitl.link.range_scan import scan_of
 from sandwich_sitl.link.wire import Frame
 from sandwich_sitl.mission.vehicle_view import (
     AckOf,
     AckResult,
     Autopilot,
     CommandAck,
+    RangeScan,
     StatusText,
     SystemStatus,
     VehicleView,
@@ -55,12 +59,6 @@ _INTEGER_CODES = {
     mavlink.MAV_PARAM_TYPE_INT32: "<i",
 }
 _CHUNK = 50  # characters of a STATUSTEXT; a shorter one is the last of its text
-_DECODER = mavlink.MAVLink(None)
-
-
-def decode(frame: Frame) -> Any:
-    """The frame as a pymavlink message with named fields."""
-    return _DECODER.decode(bytearray(frame.raw))
 
 
 def payload(raw: bytes | bytearray) -> bytes:
@@ -73,7 +71,7 @@ def is_autopilot_heartbeat(frame: Frame) -> bool:
     """True for the HEARTBEAT of an autopilot, false for a ground station's, a companion's or a camera's."""
     if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
         return False
-    message = decode(frame)
+    message = decode(frame.message_id, frame.raw)
     return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID and message.type != mavlink.MAV_TYPE_GCS)
 
 
@@ -81,7 +79,7 @@ def boot_time_s(frame: Frame) -> float | None:
     """The vehicle's boot time in a frame that tells it, in seconds."""
     if frame.message_id not in _TIMED:
         return None
-    return float(decode(frame).time_boot_ms) * 1e-3
+    return float(decode(frame.message_id, frame.raw).time_boot_ms) * 1e-3
 
 
 _TIMED = frozenset(
@@ -104,8 +102,9 @@ class Telemetry:
         self._parameters: Mapping[str, float] = MappingProxyType({})
         self._texts: list[StatusText] = []
         self._acks: list[CommandAck] = []
+        self._scans: list[RangeScan] = []
+        self._problems: list[str] = []
         self._chunks: tuple[int, int, str] | None = None
-        self._quaternion_heard = False
         self._interval_acks = 0
         self._handlers: dict[int, Callable[[Any, float], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
@@ -119,6 +118,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
             mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
+            mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: self._obstacle_distance,
         }
 
     @property
@@ -132,7 +132,7 @@ class Telemetry:
         self._fields["last_heard_s"] = now_s
         handler = self._handlers.get(frame.message_id)
         if handler is not None:
-            handler(decode(frame), now_s)
+            handler(decode(frame.message_id, frame.raw), now_s)
 
     def view(self, heard: bool) -> VehicleView:
         """The view since the last call; texts and acknowledgements are handed out once, and kept until `heard`."""
@@ -142,11 +142,15 @@ class Telemetry:
             heard=True,
             status_texts=tuple(self._texts),
             acks=tuple(self._acks),
+            scans=tuple(self._scans),
+            scan_problems=tuple(self._problems),
             parameters=self._parameters,
             **self._fields,
         )
         self._texts.clear()
         self._acks.clear()
+        self._scans.clear()
+        self._problems.clear()
         return view
 
     def take_interval_acks(self) -> int:
@@ -181,12 +185,11 @@ class Telemetry:
         )
 
     def _attitude(self, message: Any, _now_s: float) -> None:
-        if not self._quaternion_heard:
-            q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
-            self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
+        q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
+        self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
 
     def _attitude_quaternion(self, message: Any, _now_s: float) -> None:
-        self._quaternion_heard = True
+        self._handlers.pop(mavlink.MAVLINK_MSG_ID_ATTITUDE, None)  # the better answer to the same question
         self._fields["q_wxyz"] = quaternion_enu_from_ned(message.q1, message.q2, message.q3, message.q4)
 
     def _home_position(self, _message: Any, _now_s: float) -> None:
@@ -224,6 +227,15 @@ class Telemetry:
             self._interval_acks += 1
             return
         self._acks.append(CommandAck(command, _RESULTS.get(message.result, AckResult.OTHER)))
+
+    def _obstacle_distance(self, message: Any, now_s: float) -> None:
+        r_m, q_wxyz = self._fields.get("r_m"), self._fields.get("q_wxyz")
+        if r_m is None or q_wxyz is None:
+            return
+        try:
+            self._scans.append(scan_of(message, now_s, r_m, q_wxyz))
+        except InputError as error:
+            self._problems.append(str(error))
 
     def _param_value(self, message: Any, _now_s: float) -> None:
         name = message.param_id

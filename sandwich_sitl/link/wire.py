@@ -5,13 +5,16 @@ messages of the common dialect; frames of other dialects are passed on when thei
 are carried, not checked.
 """
 
+from struct import Struct
 from typing import NamedTuple
 
+from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common as mavlink
 
 _V1, _V2 = mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2
 _SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 _MARKERS = (_V1, _V2)
+_HEADER_V1, _HEADER_V2 = Struct("<BBBBBB"), Struct("<BBBBBBBHB")
 _CRC_EXTRA: dict[int, bytes] = {number: bytes((kind.crc_extra,)) for number, kind in mavlink.mavlink_map.items()}
 
 
@@ -63,19 +66,16 @@ class FrameSplitter:
     def _frame(self, buffer: bytes, start: int, stop: int) -> Frame | None:
         raw = buffer[start:stop]
         if raw[0] == _V2:
-            body = 10 + raw[1]
-            message_id = raw[7] | raw[8] << 8 | raw[9] << 16
-            known = raw[2] & ~_SIGNED == 0
-            sequence, system_id, component_id = raw[4], raw[5], raw[6]
+            _, length, flags, _, sequence, system_id, component_id, low, high = _HEADER_V2.unpack_from(raw)
+            body, message_id, known = 10 + length, low | high << 16, flags & ~_SIGNED == 0
         else:
-            body = 6 + raw[1]
-            message_id, known = raw[5], True
-            sequence, system_id, component_id = raw[2], raw[3], raw[4]
+            _, length, sequence, system_id, component_id, message_id = _HEADER_V1.unpack_from(raw)
+            body, known = 6 + length, True
         extra = _CRC_EXTRA.get(message_id)
         if extra is None:
             fits = stop == len(buffer) or buffer[stop] in _MARKERS
         else:
-            fits = mavlink.x25crc(raw[1:body] + extra).crc == raw[body] | raw[body + 1] << 8
+            fits = mcrf4xx(raw[1:body] + extra) == raw[body] | raw[body + 1] << 8
         if not (known and fits):
             self.damaged += 1
             return None

@@ -105,6 +105,25 @@ def test_each_fault_is_found_and_a_good_plan_has_none() -> None:
     assert verdict(leaving) is Fault.REGION
 
 
+def test_altitudes_of_regions_are_kept_too() -> None:
+    """Rising from a region of 4 m to 6 m into one of 5 m to 8 m: the change must lie where both are."""
+    xyz = np.column_stack([np.linspace(-1.0, 3.0, 50), np.zeros((50, 2))])
+    corridor = boxes(xyz, np.repeat([0, 1], 25), 0.5)
+    z_m = np.array([[4.0, 6.0], [5.0, 8.0]])
+    states, region = straight(m=80), np.repeat([0, 1], 40)
+
+    def verdict(heights: np.ndarray) -> Fault:
+        states[:, 2] = heights
+        return examine(states, np.zeros(3), corridor.Lambda, corridor.Gamma, region, BOUNDS, z_m)
+
+    assert verdict(np.linspace(5.2, 7.0, 80)) is Fault.REGION  # 6.1 m at the change
+    assert verdict(np.linspace(4.1, 6.9, 80)) is Fault.NONE
+    assert verdict(np.linspace(4.1, 5.4, 80)) is Fault.REGION  # 4.7 m at the change
+    assert verdict(np.linspace(5.5, 8.1, 80)) is Fault.REGION
+    assert verdict(np.linspace(3.9, 5.9, 80)) is Fault.NONE  # below already, but no further
+    assert verdict(np.where(np.arange(80) == 20, 3.9, 5.5)) is Fault.REGION
+
+
 def test_a_corner_cut_between_two_grid_points_is_seen() -> None:
     """Two regions that touch in an L: each end of a chord lies in its own region, the chord in neither."""
     Lambda = np.tile(np.array([[1.0, 0], [0, 1.0], [-1.0, 0], [0, -1.0]]), (2, 1, 1))

@@ -1,6 +1,7 @@
 """MAVLink frames and messages: splitting datagrams, decoding, encoding. Malformed input never raises.
 
-Version 2 out, unless a client has only ever spoken version 1. pymavlink's dialect decodes; frames are assembled here.
+Version 2 out, unless a client has only ever spoken version 1. pymavlink's dialect decodes what `prepared` does not; frames are assembled
+here.
 """
 
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common as mavlink
 
+from vehicle_sim.protocol import prepared
 from vehicle_sim.protocol.payloads import LAST_ID_OF_V1, MESSAGE_NAMES, Payload, payload_of
 from vehicle_sim.protocol.signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing
 
@@ -70,18 +72,24 @@ class Codec:
 
     def decode(self, datagram: bytes) -> list[Received]:
         """All valid messages of known type in a datagram, in order."""
-        return [received for frame in split_frames(datagram) for received in self._decode(frame)]
+        found = []
+        for frame in split_frames(datagram):
+            message = self._message(frame)
+            if message is not None and (self._signing is None or self._signing.problem(frame) is None):
+                sender = frame[3:5] if frame[0] == _STX_V1 else frame[5:7]
+                found.append(Received(message, frame, sender[0], sender[1]))
+        return found
 
-    def _decode(self, frame: bytes) -> Iterator[Received]:
-        number = frame[5] if frame[0] == _STX_V1 else int.from_bytes(frame[7:10], "little")
-        if number not in MESSAGE_NAMES:
-            return
+    def _message(self, frame: bytes) -> Any | None:
+        """A frame's message, or None when its type is unknown or it is damaged."""
+        number = frame[5] if frame[0] == _STX_V1 else frame[7] | frame[8] << 8 | frame[9] << 16
+        message = prepared.read(number, frame)
+        if message is not None or number not in MESSAGE_NAMES:
+            return message
         try:
-            message = self._mavlink.decode(bytearray(frame))
+            return self._mavlink.decode(bytearray(frame))
         except mavlink.MAVError:
-            return
-        if self._signing is None or self._signing.problem(frame) is None:
-            yield Received(message, frame, message.get_srcSystem(), message.get_srcComponent())
+            return None
 
     def _encode_v1(self, payload: Payload) -> bytes:
         number, seed, length, data = payload
