@@ -13,7 +13,7 @@ from sandwich_sitl.errors import InputError
 
 from .problems import FACES, N, horizon, inside_problem, turned_box
 
-TOLERANCE = {"active_set": 1e-7, "osqp": 0.15, "daqp": 1e-6, "piqp": 1e-4, "clarabel": 1e-4}
+TOLERANCE = {"active_set": 1e-7, "osqp": 1e-6, "daqp": 1e-6, "piqp": 1e-4, "clarabel": 1e-4}
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
