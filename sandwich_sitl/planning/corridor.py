@@ -35,10 +35,12 @@ HalfPlanes = list[tuple[Array, float]]
 
 FACES = 8
 SPEED_SHARE, SPEED_MORE_MPS = 1.25, 0.05  # the flown speed is at most this share of the reference's and this more
+SAFE_SHARE = 0.8  # of a clearance: what is kept for between samples
 _STRETCH_M = 1.0
 _HAIR_M = 1e-6
 REACH_M = 6.0  # how far a region may reach from its seed
 _REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
+_MOST_RASTER = 2000  # cells along the longer side
 _NEXT = np.array([1, 2, 3, 0])  # corner of a quadrangle after each
 _NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
 _RISE_M = 1.5  # most that a stretch over one spot climbs
@@ -116,7 +118,12 @@ def between_samples_m(speed_mps: Array, interval_s: float) -> Array:
     return np.asarray((SPEED_SHARE * speed_mps + SPEED_MORE_MPS) * interval_s / 2)
 
 
-def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = 0.8) -> Array:
+def safe_clearance_m(speed_mps: Array, interval_s: float) -> Array:
+    """Clearance of which `between_samples_m` takes the usual share: the inverse of `safe_speed_mps`."""
+    return np.asarray(between_samples_m(speed_mps, interval_s) / SAFE_SHARE)
+
+
+def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = SAFE_SHARE) -> Array:
     """Speed at which `between_samples_m` takes this share of the clearance."""
     return np.asarray(np.maximum((share * clearance_m * 2 / interval_s - SPEED_MORE_MPS) / SPEED_SHARE, 0.0))
 
@@ -197,7 +204,9 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
     """Places (d, i, j) of the map's nodes nearest to points (n, 2); a bay's places are (channels + bay, node, 0)."""
     grids = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
     nodes = np.concatenate([grid.reshape(-1, 2) for grid in grids])
-    size = max(channel_map.quality.median_edge_m * _NODES_WITHIN, _HAIR_M)
+    x_min, y_min, x_max, y_max = channel_map.bounds_m
+    finest = max(x_max - x_min, y_max - y_min) / _MOST_RASTER  # a map without channels has no median edge
+    size = max(channel_map.quality.median_edge_m * _NODES_WITHIN, finest)
     there = np.flatnonzero(~np.isnan(nodes[:, 0]))  # bays leave holes in the grid
     near = _same_cells(nodes[there], points, size)
     chosen = there[near] if near.any() else there
