@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from sandwich_sitl.bench import loop_command, map_command, mpc_command, plan_command, tracking_command
+from sandwich_sitl.bench import loop_command, map_command, mpc_command, plan_command, tick_command, tracking_command
 
 Register = Callable[[Any], None]
 
@@ -14,6 +14,7 @@ _BENCHES: tuple[Register, ...] = (
     mpc_command.register,
     tracking_command.register,
     loop_command.register,
+    tick_command.register,
 )
 
 
