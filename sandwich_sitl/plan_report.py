@@ -2,9 +2,12 @@
 
 from math import isnan
 
+import shapely
+
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.decomposition import areas_m2
 from sandwich_sitl.planning.flight_plan import FlightPlan, FloorPlan
+from sandwich_sitl.planning.outlines import Outlines
 
 
 def plan_report(plan: FlightPlan) -> str:
@@ -53,7 +56,11 @@ def plan_report(plan: FlightPlan) -> str:
 
 def _corridor_lines(plan: FlightPlan) -> list[str]:
     """Area per step beside the paper's quadrangle and a free-space decomposition, and what was proven."""
-    own, paper, free = areas_m2(plan)
+    outlines = Outlines(
+        [shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m,
+        plan.blocking_heights_m + plan.vehicle_radius_m,
+    )  # fmt: skip
+    own, paper, free = areas_m2(plan.reference, plan.corridor, outlines)
     lines = [
         f"corridor  {own:.1f} m2 a step; the paper's quadrangle {paper:.1f}, a free-space decomposition {free:.1f}"
     ]
@@ -75,7 +82,7 @@ def _floor_lines(floors: FloorPlan) -> list[str]:
     for number, floor in enumerate(floors.figures):
         mark = "*" if number == floors.flown else " "
         if floor.refused:
-            lines.append(f"{floor.altitude_m:6.1f} m{mark}  no route: {floor.refused}")
+            lines.append(f"{floor.altitude_m:6.1f} m{mark}  {floor.refused}")
             continue
         lengths = (floor.grid_astar_m, floor.sandwich_m, floor.route_m, floor.exact_m)
         lines.append(

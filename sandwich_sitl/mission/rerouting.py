@@ -4,10 +4,12 @@ State: the obstacles known, the plan in force, the question under way. Input, ea
 time sigma, where the vehicle is, the planner's answer. Output: `RerouteOrders`.
 
     report ──> malformed, outside the world, known already ──> a line in the log
+           ├─> low enough for what is left of the way (floors) ─> remembered; the plan stands
            ├─> on top of the vehicle ────────────────────────> stop at once
            ├─> keeps clear of what is left of the corridor ──> remembered; the plan stands
            └─> else ─> question to the planner, from sigma + lead on
-                          ├─ answer in time: adopt the new plan, or the stop it brings
+                          ├─ answer in time: adopt the new plan, or the stop it brings; when the plan ends
+                          │    short of the goal, ask for the rest of the way
                           ├─ late: ask again, with twice the lead; after `replan.tries` stop at once
                           └─ no proven plan: stop at once
 
@@ -16,7 +18,7 @@ there it begins to slow down along its plan (the way is barred), and goes on whe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -28,13 +30,16 @@ from sandwich_sitl.mission.sightings import Explained
 from sandwich_sitl.planning.corridor import between_samples_m, speeds_mps
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.replan import Question, Replan, Verdict, change_over
-from sandwich_sitl.world.world import matter
+from sandwich_sitl.world.world import Obstacle, matter
 
 Array = NDArray[np.float64]
 
 _COVERED_M = 1e-3  # an outline that leaves a known obstacle by no more says nothing new
 _STOP_SHARE = 1.875 / 2  # of v / brake: the reference's time that a stop along the plan uses up (`stop_plan`)
 _ON_TIME_S = 1e-6
+_LEAST_PERIODS = 2  # that a plan is given
+FIRST_REACH_M, _FIRST_REACH_S = 60.0, 12.0  # how far the first plan leads, or how many seconds at full speed
+_ONWARD_S = 0.4  # that the plan for the rest of the way is given
 _SPARE_S = 0.3  # delay of the vehicle, and ticks
 
 
@@ -49,12 +54,15 @@ class Whereabouts:
 
 @dataclass(frozen=True)
 class Adopted:
-    """A new plan that goes into force at `t_s`, for reports that were heard at `heard_s`."""
+    """A new plan that goes into force at `t_s`, for reports that were heard at `heard_s`; `onward`: it only leads further
+    than the one before, which ended short of the goal.
+    """
 
     t_s: float
     heard_s: float
     from_s: float
     replan: Replan
+    onward: bool
 
 
 @dataclass(frozen=True)
@@ -72,11 +80,14 @@ class RerouteOrders:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """How a new plan is asked for: for reports of which the first was heard at `heard_s`, for the n-th time."""
+    """How a new plan is asked for: for reports of which the first was heard at `heard_s`, for the n-th time; or, `onward`,
+    for the rest of the way.
+    """
 
     heard_s: float
     number: int
     lead_s: float
+    onward: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,8 +106,9 @@ class Rerouting:
         self._reference, self._corridor = plan.reference, plan.corridor
         self._period_s = 1.0 / config.mpc.rate_hz
         self._known = [shapely.Polygon(ring) for ring in plan.obstacles_m]
+        self._tops_m = plan.blocking_heights_m.tolist()
         self._names = set(plan.obstacle_names)
-        self._explained = Explained.by(self._known)
+        self._explained = Explained.by(self._known, self._tops_m)
         self._unlearnt: list[ObstacleReport] = []  # what the planner has not been told yet
         self._attempt: _Attempt | None = None  # set while the plan in force needs another
         self._pending: _Pending | None = None
@@ -128,7 +140,7 @@ class Rerouting:
     ) -> RerouteOrders:
         """One tick."""
         log: list[tuple[str, str]] = []
-        new = tuple(report for report in reports if self._hear(at, report, log))
+        new = tuple(report for report in reports if self._hear(now_s, at, report, log))
         if self._attempt is not None and self._config.mode == "paper":
             self._give_up("paper mode plans before take-off only", log)
         if self._given_up:
@@ -139,36 +151,67 @@ class Rerouting:
             ask = self._ask(now_s, at, self._attempt)
         return RerouteOrders(ask, adopted, bool(self._given_up) or self._too_near(at), new, tuple(log))
 
-    def _hear(self, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
+    def _hear(self, now_s: float, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
         """Take in a report; whether it says anything new."""
         obstacle, radius_m = report.obstacle, self._config.planner.vehicle_radius_m
         reach_m = radius_m + self._config.planner.margin_m
         if not matter([obstacle.polygon], self._bounds_m, reach_m)[0]:
             log.append(("warning", f"obstacle '{obstacle.name}' lies outside the world and is left alone"))
             return False
-        beside = self._explained.tree.query(obstacle.polygon)
-        if any(self._known[k].buffer(_COVERED_M).covers(obstacle.polygon) for k in beside.tolist()):
+        if self._is_known(obstacle):
             log.append(("debug", f"obstacle '{obstacle.name}' is known already"))
             return False
         if obstacle.name in self._names and report.source is Source.MESSAGE:
             log.append(("warning", f"obstacle '{obstacle.name}' is reported elsewhere too: both outlines count"))
         self._known.append(obstacle.polygon)
+        self._tops_m.append(self._top_m(obstacle))
         self._names.add(obstacle.name)
-        self._explained = Explained.by(self._known)
+        self._explained = Explained.by(self._known, self._tops_m)
         self._unlearnt.append(report)
+        if self._flown_over(at.sigma_s, obstacle):
+            log.append(("info", f"obstacle '{obstacle.name}' heard of: the way leads over it"))
+            return True
         if at.r_m is not None and obstacle.polygon.distance(shapely.Point(at.r_m[:2])) < radius_m:
             self._give_up(f"obstacle '{obstacle.name}' is reported on top of the vehicle", log)
             return True
-        touches = self._check(at, report)
+        touches = self._check(now_s, at, report)
         log.append(("info", f"obstacle '{obstacle.name}' heard of: {_account(touches)}"))
         return True
 
-    def _check(self, at: Whereabouts, report: ObstacleReport) -> bool:
+    def _top_m(self, obstacle: Obstacle) -> float:
+        """How high an obstacle is in the way: infinitely, where its height is unknown or there is one floor."""
+        floors = len(self._corridor.z_m) > 0
+        return obstacle.height_m if floors and obstacle.height_m is not None else np.inf
+
+    def _is_known(self, obstacle: Obstacle) -> bool:
+        """Whether an obstacle lies in one that is at least as high."""
+        return any(
+            self._tops_m[k] >= self._top_m(obstacle) and self._known[k].buffer(_COVERED_M).covers(obstacle.polygon)
+            for k in self._explained.tree.query(obstacle.polygon).tolist()
+        )
+
+    def _flown_over(self, sigma_s: float, obstacle: Obstacle) -> bool:
+        """Whether an obstacle stays below every region near it that is left, and out of the landing."""
+        planner, interval_s = self._config.planner, self._config.mpc.step_s
+        top_m = self._top_m(obstacle) + planner.vehicle_radius_m
+        goal = shapely.Point(self._config.goal_m)
+        if np.isinf(top_m) or obstacle.polygon.distance(goal) < planner.vehicle_radius_m + planner.margin_m:
+            return False
+        left = np.unique(self._reference.region[change_over(self._reference, sigma_s) :])
+        fastest = np.array([planner.speed_mps, max(planner.climb_mps, planner.descent_mps)])
+        aside_m, below_m = between_samples_m(fastest, interval_s).tolist()
+        reached = left[self._corridor.z_m[left, 0] - below_m < top_m]
+        regions = [shapely.Polygon(self._corridor.polygons_m[m]) for m in reached.tolist()]
+        kept_m = planner.vehicle_radius_m + aside_m
+        return not len(shapely.STRtree(regions).query(obstacle.polygon, predicate="dwithin", distance=kept_m))
+
+    def _check(self, now_s: float, at: Whereabouts, report: ObstacleReport) -> bool:
         """Whether the plan in force must give way to an obstacle; if so, another is asked for."""
         touches = self._touches(at.sigma_s, report.obstacle.polygon)
-        if touches and self._attempt is None:
-            # Whole periods, and one less than the budget holds, since a report may be a period old when it is read.
-            periods = max(1, int(self._config.replan.budget_s / self._period_s + 1e-9) - 1)
+        if touches and (self._attempt is None or self._attempt.onward):
+            self._pending = None  # the rest of a way that is no longer flown
+            left_s = self._config.replan.budget_s - (now_s - report.heard_s)
+            periods = max(_LEAST_PERIODS, int(left_s / self._period_s + 1e-9))
             self._attempt = _Attempt(report.heard_s, 1, periods * self._period_s)
         return touches
 
@@ -204,7 +247,9 @@ class Rerouting:
         from_s = at.sigma_s + attempt.lead_s if at.flying else 0.0
         from_s = float(self._reference.t_s[change_over(self._reference, from_s)])
         new, self._unlearnt = tuple(report.obstacle for report in self._unlearnt), []
-        question = Question(new, self._reference, self._corridor, from_s)
+        near = at.flying and not attempt.onward
+        reach_m = max(FIRST_REACH_M, _FIRST_REACH_S * self._config.planner.speed_mps) if near else np.inf
+        question = Question(new, self._reference, self._corridor, from_s, reach_m)
         self._pending = _Pending(question, now_s + attempt.lead_s)
         return question
 
@@ -213,6 +258,9 @@ class Rerouting:
         assert self._attempt is not None
         question, self._pending = self._pending.question, None
         attempt, self._attempt = self._attempt, None
+        if attempt.onward and answer.verdict is not Verdict.ROUTE:
+            log.append(("warning", f"the way ends before the goal: {answer.why}"))
+            return None
         if answer.verdict is Verdict.NONE:
             self._give_up(answer.why, log)
             return None
@@ -221,19 +269,21 @@ class Rerouting:
             return None
         self._reference, self._corridor, self._conflict_s = answer.reference, answer.corridor, np.inf
         for report in self._unlearnt:  # heard while this was planned
-            self._check(at, report)
-        if answer.verdict is Verdict.ROUTE:
-            log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
-        else:
+            self._check(now_s, at, report)
+        if not answer.whole and self._attempt is None:
+            self._attempt = _Attempt(now_s, 1, _ONWARD_S, onward=True)
+        if answer.verdict is Verdict.STOP:
             log.append(("warning", f"no way on to the goal: {answer.why}; stopping on the way planned before"))
-        return Adopted(now_s, attempt.heard_s, question.from_s, answer)
+        elif not attempt.onward:
+            log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
+        return Adopted(now_s, attempt.heard_s, question.from_s, answer, attempt.onward)
 
     def _late(self, attempt: _Attempt, log: list[tuple[str, str]]) -> None:
-        if attempt.number >= self._config.replan.tries:
+        if attempt.number >= self._config.replan.tries and not attempt.onward:
             self._give_up(f"the planner was late {attempt.number} times", log)
             return
         log.append(("warning", f"the new plan came later than the {attempt.lead_s:.2f} s it was given; asked again"))
-        self._attempt = _Attempt(attempt.heard_s, attempt.number + 1, 2 * attempt.lead_s)
+        self._attempt = replace(attempt, number=attempt.number + 1, lead_s=2 * attempt.lead_s)
 
     def _give_up(self, why: str, log: list[tuple[str, str]]) -> None:
         self._given_up = why

@@ -47,6 +47,19 @@ def test_a_broken_tick_fails_and_the_next_is_as_good_as_ever(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
+def test_broken_rows_that_no_input_reaches_cost_no_answer(name: str) -> None:
+    """Euler's model moves no position in the first three steps, here outside the box; the later ones come back in."""
+    hz, tick = horizon(kind="euler"), inside_problem(4)
+    pushed = HorizonTick(tick.state + np.array([[1.6], [0.0], [0.0], [0.0]]), tick.desired, tick.normals, tick.offsets)
+    solver = registry.bare_solver(name, hz)
+    for _ in range(3):
+        answer = solver.solve(pushed)
+    assert np.isfinite(answer.snap).all()
+    least = hz.cost(ActiveSetSolver(hz).solve(pushed).snap, pushed)
+    assert hz.cost(answer.snap, pushed) <= least + TOLERANCE[name] * max(1.0, least)
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
 def test_axis_aligned_and_turned_normals_take_turns_on_one_workspace(name: str) -> None:
     """Zero entries of Lambda must not change a sparsity pattern."""
     hz = horizon()

@@ -58,10 +58,11 @@ def _gather(
                 for d in range(axes):
                     value += (normals[h, f, d] if k == 0 else edges[k - 1, f, d]) * free[k * n + h, d]
                 claim = 0.0
-                if value > 0.0:
-                    claim = value * value / size
-                if known[k, h, f] > 0.0:
-                    claim += _KNOWN + known[k, h, f]
+                if size > 0.0:  # Euler's model moves no position in the first steps, and no row can be mended there
+                    if value > 0.0:
+                        claim = value * value / size
+                    if known[k, h, f] > 0.0:
+                        claim += _KNOWN + known[k, h, f]
                 merit[k, h, f] = claim
                 count += claim >= _LEAST
     least = _LEAST
