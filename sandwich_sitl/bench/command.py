@@ -10,6 +10,7 @@ from sandwich_sitl.bench import (
     mpc_command,
     plan_command,
     replan_command,
+    tick_command,
     tracking_command,
 )
 
@@ -22,6 +23,7 @@ _BENCHES: tuple[Register, ...] = (
     mpc_command.register,
     tracking_command.register,
     loop_command.register,
+    tick_command.register,
 )
 
 

@@ -82,6 +82,27 @@ def test_a_jump_of_the_estimate_makes_no_step_in_the_command() -> None:
     assert moved[-1, 1] == pytest.approx(-0.3, abs=0.03)  # and in the end it has come back by as much
 
 
+def test_a_plan_that_starts_from_the_estimated_motion_shakes_the_vehicle() -> None:
+    """Why the plan starts from the command: 1 cm of noise in the measured place, plan started from either."""
+    reference, corridor = flight(10.0)
+    config = run_config()
+    shaken = []
+    for from_estimate in (False, True):
+        rng = np.random.default_rng(5)
+        tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+        commanded = [np.concatenate([reference.xyz_m[0], np.zeros(9)])] * 4
+        accelerations = []
+        for k in range(400):
+            if from_estimate and k > 5:
+                tracker.command = tracker.estimator.motion.copy()
+            noisy = commanded[-4][:3] + rng.normal(0.0, 0.01, 3)
+            tick = tracker.tick(k * DT, noisy, commanded[-4][3:6] + rng.normal(0.0, 0.02, 3), 0.0)
+            commanded.append(tick.setpoint)
+            accelerations.append(tick.setpoint[6:9])
+        shaken.append(float(np.abs(np.diff(accelerations, axis=0)).mean()))
+    assert shaken[1] > 3 * shaken[0]
+
+
 def test_tracker_returns_to_the_route_after_a_push() -> None:
     reference, corridor = flight()
     config = run_config()

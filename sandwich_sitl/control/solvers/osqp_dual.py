@@ -1,4 +1,4 @@
-"""OSQP finds which rows bind, one step of the active-set kernel proves it.
+"""OSQP finds which rows bind, the active-set kernel proves it.
 
 OSQP solves the dual over the rows in play (`rows_in_play`), warm from tick to tick, for a fixed number of iterations: a
 first-order method is good at telling which multipliers are not zero and slow at their last digits. The kernel
