@@ -8,13 +8,14 @@ so that the offboard process needs nothing of the vehicle's to fly a real autopi
 """
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
 from sandwich_sitl.errors import InputError
@@ -27,7 +28,7 @@ from sandwich_sitl.world_config import (
     WorldConfig,
     for_vehicle,
 )
-from sandwich_sitl.yaml_document import YamlDocument, place
+from sandwich_sitl.yaml_document import YamlDocument, place, wrong
 
 __all__ = [
     "ClockConfig",
@@ -38,6 +39,7 @@ __all__ = [
     "MpcConfig",
     "ObstacleConfig",
     "PlannerConfig",
+    "ReplanConfig",
     "RunConfig",
     "WorldConfig",
     "ZenohConfig",
@@ -53,6 +55,16 @@ def _whole_milliseconds(rate_hz: float) -> float:
     if abs(1000.0 / rate_hz - round(1000.0 / rate_hz)) > 1e-9:
         raise ValueError("the period 1 / rate_hz must be whole milliseconds, such as rate_hz 25, 40, 50, 100 or 125")
     return rate_hz
+
+
+def _rising(floors_m: tuple[float, ...]) -> tuple[float, ...]:
+    """Floors are named from the lowest up, each once."""
+    if any(upper <= lower for lower, upper in itertools.pairwise(floors_m)):
+        raise ValueError(f"{list(floors_m)} must rise from floor to floor; give {sorted(set(floors_m))}")
+    return floors_m
+
+
+AltitudeM = Annotated[float, Field(ge=1, le=500)]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -80,6 +92,27 @@ class PlannerConfig:
     acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 2.0
     jerk_mps3: Annotated[float, Field(ge=0.1, le=500)] = 10.0
     snap_mps4: Annotated[float, Field(ge=0.1, le=5000)] = 60.0
+    climb_mps: Annotated[
+        float, Field(ge=0.1, le=10, description="vertical speed; below the autopilot's (PX4: MPC_Z_VEL_MAX_UP)")
+    ] = 1.5
+    descent_mps: Annotated[
+        float, Field(ge=0.1, le=10, description="the same downwards (PX4: MPC_Z_VEL_MAX_DN, 1.5 by default)")
+    ] = 1.2
+    floors_m: Annotated[
+        tuple[AltitudeM, ...],
+        AfterValidator(_rising),
+        Field(
+            description="altitudes to fly at, from the lowest up; altitude_m must be one of them. A floor sees only the "
+            "obstacles that reach it. Empty: altitude_m alone, and every obstacle reaches it"
+        ),
+    ] = ()
+    vertical_margin_m: Annotated[
+        float, Field(ge=0.2, le=100, description="what a floor keeps above an obstacle, besides vehicle_radius_m")
+    ] = 1.0
+    climb_cost: Annotated[
+        float, Field(ge=0, le=1000, description="metres of level flight that a metre of climb between floors is worth")
+    ] = 2.0
+    descent_cost: Annotated[float, Field(ge=0, le=1000, description="the same for a metre of descent")] = 1.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -107,8 +140,9 @@ class MpcConfig:
 class TrackingConfig:
     """What closes the loop round the plan: offset, delay and motion of the vehicle."""
 
-    observer_radps: Annotated[float, Field(gt=0, description="rate at which an offset is taken out")] = 2.0
-    motion_radps: Annotated[float, Field(gt=0, description="bandwidth of estimated acceleration and jerk")] = 6.0
+    motion_radps: Annotated[
+        float, Field(gt=0, description="bandwidth of the vehicle's estimated motion, and so of the offset aimed off")
+    ] = 8.0
     delay_s: Annotated[
         float | None, Field(ge=0, le=0.3, description="from a set-point to the motion it asks for; null: measured")
     ] = None
@@ -120,6 +154,22 @@ class AssuranceConfig:
     """When a plan is not flown."""
 
     region_tolerance_m: Annotated[float, Field(ge=0, description="how far outside a region a plan may pass")] = 0.02
+
+
+@dataclass(frozen=True, config=STRICT)
+class ReplanConfig:
+    """What happens when an obstacle is reported in flight."""
+
+    budget_s: Annotated[
+        float, Field(ge=0.06, le=5, description="from a report to the first set-point of the new plan, run clock")
+    ] = 0.15
+    tries: Annotated[int, Field(ge=1, le=10, description="how often a late plan is asked for again")] = 4
+    sensor_tolerance_m: Annotated[
+        float, Field(gt=0, description="a range sensor's return this near a known obstacle is that obstacle's")
+    ] = 0.5
+    sensor_depth_m: Annotated[
+        float, Field(gt=0, description="how far an obstacle is taken to reach behind the face that a sensor sees")
+    ] = 1.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -187,9 +237,14 @@ class RunConfig:
     world: WorldConfig
     start_m: PointM
     goal_m: PointM
-    altitude_m: Annotated[float, Field(ge=1, le=500, description="flight altitude above the start, the paper's z0")]
+    altitude_m: Annotated[
+        AltitudeM, Field(description="flight altitude above the start, the paper's z0; with floors, the start's")
+    ]
     planner: PlannerConfig
     name: str = "run"
+    goal_altitude_m: Annotated[
+        AltitudeM | None, Field(description="floor from which the vehicle lands at the goal; null: altitude_m")
+    ] = None
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     mode: Annotated[
         Literal["timed", "paper"],
@@ -198,12 +253,42 @@ class RunConfig:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     assurance: AssuranceConfig = field(default_factory=AssuranceConfig)
+    replan: ReplanConfig = field(default_factory=ReplanConfig)
     mission: MissionConfig = field(default_factory=MissionConfig)
     vehicle: dict[str, Any] = field(default_factory=dict)
     link: LinkConfig = field(default_factory=LinkConfig)
     clock: ClockConfig = field(default_factory=ClockConfig)
     logging: LoggingConfig = field(default_factory=LoggingConfig)
     zenoh: ZenohConfig = field(default_factory=ZenohConfig)
+
+    @property
+    def landing_altitude_m(self) -> float:
+        """Altitude over the goal."""
+        return self.altitude_m if self.goal_altitude_m is None else self.goal_altitude_m
+
+    @model_validator(mode="after")
+    def _ends_on_floors(self) -> Self:
+        floors_m = list(self.planner.floors_m)
+        if not floors_m:
+            if self.landing_altitude_m != self.altitude_m:
+                low, high = sorted((self.altitude_m, self.landing_altitude_m))
+                raise wrong(
+                    "goal_altitude_m", f"differs from altitude_m; that takes planner.floors_m: [{low:g}, {high:g}]"
+                )
+            return self
+        if self.mode == "paper":
+            raise wrong("planner.floors_m", "belongs to mode: timed; the paper's pipeline has one altitude")
+        for key, value in (("altitude_m", self.altitude_m), ("goal_altitude_m", self.landing_altitude_m)):
+            if value not in floors_m:
+                raise wrong(key, f"{value:g} is none of planner.floors_m {floors_m}; give one of these")
+        lowest_m = min(self.altitude_m, self.landing_altitude_m)
+        if floors_m[0] < lowest_m:
+            raise wrong(
+                "planner.floors_m",
+                f"{floors_m[0]:g} lies below the floors of start and goal ({lowest_m:g}), where nothing is gained; "
+                "remove it, or set altitude_m to it",
+            )
+        return self
 
 
 _ADAPTER = TypeAdapter(RunConfig)

@@ -6,6 +6,7 @@ its section of the configuration. Everything between the two goes over MAVLink.
 
 import dataclasses
 import json
+import math
 import platform
 import select
 import socket
@@ -131,7 +132,7 @@ def run(
     if live:
         # Not ours to end: it stops watching by itself when the flight is over, and its window stays until it is closed.
         subprocess.Popen(live_command(config.zenoh), start_new_session=True)
-    with _vehicle(config, config_path, ports, vehicle_log, vehicle_program):
+    with _vehicle(config, plan, config_path, ports, vehicle_log, vehicle_program):
         result = offboard(config, plan, out / "offboard.mcap", progress)
     concluded = _conclude([out / "offboard.mcap", vehicle_log], out, result, progress)
     if concluded.exit_status == 0 and concluded.summary["flight"]["rms_error_m"] is None:
@@ -158,7 +159,8 @@ def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Prog
     with streams, RunRecorder(log_path, flush_s=config.logging.flush_s, metadata=about, streams=streams) as recorder:
         recorder.plan(0.0, plan)
         with StopRequests() as stop:
-            result = fly(config, plan, Observers(recorder, progress.flight), stop)
+            observers = Observers(recorder, progress.flight, streams.obstacle_reports())
+            result = fly(config, plan, observers, stop)
         recorder.metadata(
             "result",
             {
@@ -216,9 +218,9 @@ def _ports(config: RunConfig, config_path: Path) -> _Ports:
 
 @contextmanager
 def _vehicle(
-    config: RunConfig, config_path: Path, ports: _Ports, log_path: Path, program: Sequence[str]
+    config: RunConfig, plan: FlightPlan, config_path: Path, ports: _Ports, log_path: Path, program: Sequence[str]
 ) -> Iterator[None]:
-    """`vehicle-sim`, started and bound to its port, until the block ends."""
+    """`vehicle-sim`, started and bound to its port, until the block ends. Its range sensor sees the map's obstacles too."""
     command = [
         sys.executable, "-m", *program, str(config_path),
         "--connect", f"udpout://{ports.offboard}", "--bind", ports.vehicle, "--log", str(log_path),
@@ -226,6 +228,11 @@ def _vehicle(
         "--set", f"vehicle={json.dumps(config.vehicle)}", "--set", f"mpc.rate_hz={config.mpc.rate_hz}",
         "--set", f"start_m={json.dumps(config.start_m)}", "--until-eof",
     ]  # fmt: skip
+    surroundings = None
+    if config.vehicle.get("range_sensor") is not None:
+        surroundings = log_path.with_suffix(".surroundings.json")
+        surroundings.write_text(json.dumps(_surroundings(plan)), encoding="utf-8")
+        command += ["--surroundings", str(surroundings)]
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -242,6 +249,18 @@ def _vehicle(
         for pipe in (process.stdin, process.stdout, process.stderr):
             if pipe is not None:
                 pipe.close()
+        if surroundings is not None:
+            surroundings.unlink(missing_ok=True)
+
+
+def _surroundings(plan: FlightPlan) -> list[dict[str, Any]]:
+    """The map's obstacles as the vehicle reads them."""
+    return [
+        {"name": name, "polygon_m": ring.tolist(), "height_m": None if math.isnan(height) else height}
+        for name, ring, height in zip(
+            plan.obstacle_names, plan.obstacles_m, plan.obstacle_heights_m.tolist(), strict=True
+        )
+    ]
 
 
 def _wait_until_bound(process: subprocess.Popen[str]) -> None:

@@ -1,8 +1,10 @@
 """The lines that `plan` prints: the map's figures and a table like the paper's Table I, with the exact optimum beside it."""
 
+from math import isnan
+
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.decomposition import areas_m2
-from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.flight_plan import FlightPlan, FloorPlan
 
 
 def plan_report(plan: FlightPlan) -> str:
@@ -35,6 +37,8 @@ def plan_report(plan: FlightPlan) -> str:
         )
     proof = ", proven: no path among the grown obstacles is shorter" if plan.route_proven else ""
     lines.append(f"flown     {plan.route_kind} route{proof}")
+    if plan.floors is not None:
+        lines += _floor_lines(plan.floors)
     lines += ["", f"flight    {plan.reference.t_s[-1]:.1f} s, {len(plan.corridor.polygons_m)} regions"]
     if plan.flight is not None:
         flight = plan.flight
@@ -60,6 +64,29 @@ def _corridor_lines(plan: FlightPlan) -> list[str]:
             f"          {verdict} for {proof.steps} steps; least margin {proof.least_margin_m:.3f} m, "
             f"{proof.between_samples_m:.3f} m kept for between samples"
         )
+        if proof.least_headroom_m is not None:
+            lines.append(f"          over obstacles {proof.least_headroom_m:.3f} m and more, besides what is kept")
+    return lines
+
+
+def _floor_lines(floors: FloorPlan) -> list[str]:
+    """Every floor's lengths over ground, what rising to it and leaving it is worth, and the way that came of it."""
+    lines = ["", "floor     existing A*   Sandwich A*     its route         exact   + climb = cost   channels  nodes"]
+    for number, floor in enumerate(floors.figures):
+        mark = "*" if number == floors.flown else " "
+        if floor.refused:
+            lines.append(f"{floor.altitude_m:6.1f} m{mark}  no route: {floor.refused}")
+            continue
+        lengths = (floor.grid_astar_m, floor.sandwich_m, floor.route_m, floor.exact_m)
+        lines.append(
+            f"{floor.altitude_m:6.1f} m{mark} "
+            + "   ".join(f"{_metres(None if isnan(length) else length):>11}" for length in lengths)
+            + f"   {floor.climb_cost_m:7.2f} {floor.route_m + floor.climb_cost_m:8.2f}   {floor.channels:8d}  {floor.nodes}"
+        )
+    lines.append(
+        f"way       {floors.length_m:.2f} m in space, {floors.climbed_m:.1f} m up and {floors.descended_m:.1f} m down between "
+        f"the floors of start and goal, {floors.changes} changes (* flown)"
+    )
     return lines
 
 

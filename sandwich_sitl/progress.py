@@ -36,8 +36,8 @@ class Progress:
             self.note(f"plan: {name}")
 
     def flight(self, now_s: float, state: str, text: str) -> None:
-        """The flight is in `state`; told at every change and about once a second."""
-        changed, self._state = state != self._state, state
+        """The flight is in `state`; told at every change, when there is something to say, and about once a second."""
+        changed, self._state = state != self._state or bool(text), state
         line = f"t {now_s:7.2f} s  {state}" + (f"  {text}" if text else "")
         if changed:
             self.note(line)

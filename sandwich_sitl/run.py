@@ -1,6 +1,6 @@
 """The offboard process: the only loop and the only clock (design: shell over core).
 
-A tick: wait for the vehicle's telemetry -> mission table -> MPC -> set-point out -> record. Recording comes after the
+A tick: wait for the vehicle's telemetry -> obstacles -> mission table -> MPC -> set-point out -> record. Recording comes after the
 set-point has been sent, in the slack of the tick. Garbage collection is off in the loop: a full collection costs more
 than a tick.
 """
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Fault, Rung, describe
@@ -23,13 +24,27 @@ from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import fence_around
 from sandwich_sitl.link.session import LinkSession, LinkStatistics
 from sandwich_sitl.mission.machine import Mission
-from sandwich_sitl.mission.orders import EXIT_STATUS, MissionInputs, Orders, Outcome, OutcomeName, State, Stream
+from sandwich_sitl.mission.orders import (
+    EXIT_STATUS,
+    TERMINAL,
+    MissionInputs,
+    Orders,
+    Outcome,
+    OutcomeName,
+    State,
+    Stream,
+)
 from sandwich_sitl.mission.pilot import Pilot, Steering
+from sandwich_sitl.mission.rerouting import RerouteOrders
 from sandwich_sitl.mission.vehicle_view import VehicleView
+from sandwich_sitl.obstacle_watch import ObstacleWatch
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.recorder import RunRecorder
-from sandwich_sitl.recording.records import ControlRecord, MissionRecord, TickTiming
+from sandwich_sitl.recording.records import ControlRecord, MissionRecord, PlanUpdate, ReportedObstacle, TickTiming
+from sandwich_sitl.recording.streams import Heard
 
+_AFTERWARDS = frozenset({State.BRAKE, State.HOLD, State.LAND, State.WATCH, *TERMINAL})
 _NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -44,10 +59,13 @@ class FlightResult:
 
 @dataclass(frozen=True)
 class Observers:
-    """Whom the loop tells: `recorder` everything, `on_state(now_s, state, text)` changes and progress for people."""
+    """Whom the loop tells: `recorder` everything, `on_state(now_s, state, text)` changes and progress for people; and
+    `obstacle_reports`, which hands out what others have reported since the last call.
+    """
 
     recorder: RunRecorder
     on_state: Callable[[float, str, str], None]
+    obstacle_reports: Callable[[], list[Heard]] = list
 
 
 def fly(
@@ -78,8 +96,9 @@ class _Loop:
         self._stop_requests = stop_requests
         self._mission = Mission(config.mission, config.start_m, config.altitude_m, float(plan.reference.t_s[-1]))
         self._pilot = Pilot(config, plan.reference, plan.corridor, make_solver)
-        self._obstacles = shapely.union_all([shapely.Polygon(ring) for ring in plan.obstacles_m])
-        shapely.prepare(self._obstacles)
+        self._obstacles = Prisms(plan.obstacles_m, plan.blocking_heights_m)
+        self._watch = ObstacleWatch(config, plan, observers.obstacle_reports)
+        self._orders = RerouteOrders()
         self._frames: list[tuple[float, str, bytes]] = []
         self._last_state: State | None = None
         self._refused: str | None = None
@@ -95,7 +114,7 @@ class _Loop:
             period_s,
             self._config.start_m,
             lambda t_s, direction, frame: self._frames.append((t_s, direction, frame)),
-            fence=fence_around(self._plan.bounds_m, self._config.altitude_m, period_s),
+            fence=fence_around(self._plan.bounds_m, float(self._plan.reference.xyz_m[:, 2].max()), period_s),
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,
         )
@@ -107,14 +126,23 @@ class _Loop:
                     pass
             except LinkError as error:
                 outcome = Outcome(OutcomeName.LOST, EXIT_STATUS[OutcomeName.LOST], str(error))
+            finally:
+                self._watch.close()
             self._record_frames()
+            self._recorder.metadata("replans", {"wall_s": [round(wall_s, 4) for wall_s in self._watch.wall_s]})
             return FlightResult(outcome, link.statistics, time.perf_counter() - began)
 
     def _tick(self, link: LinkSession) -> Outcome | None:
         now_s = link.next_tick()
         began = time.perf_counter()
         view = link.view
-        inputs = MissionInputs(self._stop_requests(), self._pilot.route_finished(view), self._pilot.plan_stale(now_s))
+        self._orders = self._reroute(now_s, view) if view.heard else RerouteOrders()
+        inputs = MissionInputs(
+            self._stop_requests(),
+            self._pilot.route_finished(view),
+            self._pilot.plan_stale(now_s),
+            self._pilot.no_way(view, self._watch.given_up),
+        )
         orders = self._mission.step(now_s, view, inputs)
         solving = time.perf_counter()
         steering = self._pilot.steer(orders.stream, now_s, view)
@@ -135,6 +163,19 @@ class _Loop:
             self._ticks += 1
         return orders.finished
 
+    def _reroute(self, now_s: float, view: VehicleView) -> RerouteOrders:
+        """Look after obstacles as long as a plan is flown or about to be."""
+        state = self._mission.state
+        if state in _AFTERWARDS:
+            return RerouteOrders(log=self._watch.refuse(str(state)))
+        orders = self._watch.tick(now_s, view, self._pilot.whereabouts(view))
+        if orders.adopted is not None:
+            replan = orders.adopted.replan
+            self._pilot.adopt(replan)
+            self._mission.rerouted(float(replan.reference.t_s[-1]))
+        self._pilot.bar(orders.barred)
+        return orders
+
     @property
     def _budget_s(self) -> float:
         return 1.0 / (self._config.mpc.rate_hz * self._config.clock.speed)
@@ -150,6 +191,7 @@ class _Loop:
             self._on_state(now_s, str(orders.state), reason)
         for line in orders.log:
             self._recorder.log(now_s, "info", line)
+        self._record_rerouting(now_s, orders.state)
         for text in view.status_texts:
             self._recorder.log(now_s, "warning" if text.severity <= 4 else "info", f"vehicle: {text.text}")
         if refused is not None and self._refused is None:
@@ -162,6 +204,18 @@ class _Loop:
             self._record_control(now_s, view, orders, steering)
         if orders.stream is Stream.TRACK and self._ticks % round(self._config.mpc.rate_hz) == 0:
             self._on_state(now_s, str(orders.state), "")
+
+    def _record_rerouting(self, now_s: float, state: State) -> None:
+        for level, text in self._orders.log:
+            self._recorder.log(now_s, level, text)
+            if level != "debug":
+                self._on_state(now_s, str(state), text)
+        for report in self._orders.new:
+            self._recorder.obstacle(ReportedObstacle.of(now_s, report))
+            ring_m = shapely.get_coordinates(report.obstacle.polygon.exterior)
+            self._obstacles = self._obstacles.joined_by(ring_m, np.inf)
+        if self._orders.adopted is not None:
+            self._recorder.plan_update(PlanUpdate.of(self._orders.adopted), self._config.altitude_m)
 
     def _record_control(self, now_s: float, view: VehicleView, orders: Orders, steering: Steering) -> None:
         tick = steering.tick
@@ -190,7 +244,7 @@ class _Loop:
                 solver_status=tick.solution.status,
                 solver_iterations=tick.solution.iterations,
                 region=tick.region,
-                clearance_m=self._clearance(view.r_m[0], view.r_m[1]),
+                clearance_m=self._clearance(view.r_m - lift),
                 offset_m=tick.offset_m,
                 delay_s=tick.delay_s,
                 reference_rate=tick.rate,
@@ -202,10 +256,9 @@ class _Loop:
             self._recorder.horizon(now_s, tick.ahead_m + lift)
             self._horizon_due_s = now_s + 1.0 / self._config.logging.horizon_hz
 
-    def _clearance(self, x: float, y: float) -> float:
-        if self._obstacles.is_empty:
-            return math.nan
-        return float(shapely.distance(self._obstacles, shapely.Point(x, y)))
+    def _clearance(self, r_m: NDArray[np.float64]) -> float:
+        distance_m = float(self._obstacles.distance_m(r_m[None])[0])
+        return distance_m if math.isfinite(distance_m) else math.nan
 
     def _record_frames(self) -> None:
         frames, self._frames = self._frames, []

@@ -146,7 +146,7 @@ def first_problem(error: ValidationError) -> tuple[tuple[int | str, ...], str]:
     first = problems[0]
     loc = tuple(part for part in first["loc"] if not _is_union_label(part))
     if first["type"] == "wrong_key":
-        loc = (*loc, first["ctx"]["key"])
+        loc = (*loc, *first["ctx"]["key"].split("."))
     return loc, _advice(first) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
 
 

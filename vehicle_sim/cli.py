@@ -16,10 +16,11 @@ from typing import Any
 
 import yaml
 
-from vehicle_sim.config import RunConfig, load_run
+from vehicle_sim.config import RunConfig, load_run, read_obstacles
 from vehicle_sim.endpoints import parse_endpoints
 from vehicle_sim.errors import ConfigError, VehicleError
 from vehicle_sim.fleet import run_fleet
+from vehicle_sim.obstacles import RangeSensor, Scene
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -39,6 +40,12 @@ def build_parser() -> argparse.ArgumentParser:
     add("--bind", metavar="HOST:PORT", help="where the first udpout sends from (default 127.0.0.1:14580)")
     add("--truth", metavar="URI", help="udpout://HOST:PORT that gets HIL_STATE_QUATERNION, the true state, at 50 Hz")
     add("--log", type=Path, metavar="FILE.mcap", help="record into this file")
+    add(
+        "--surroundings",
+        type=Path,
+        metavar="FILE.json",
+        help="more obstacles for the range sensor, a list like vehicle.obstacles",
+    )
     add("--until-eof", action="store_true", help="end when standard input ends, so as not to outlive its starter")
     add("--clock", choices=("realtime", "lockstep"), help="overrides clock.mode")
     add("--speed", type=float, metavar="X", help="overrides clock.speed")
@@ -116,7 +123,7 @@ def _fly(arguments: argparse.Namespace) -> int:
         try:
             sign = config.vehicle.signing
             node = Node(
-                Vehicle(config.vehicle, config.seed, config.period_us),
+                Vehicle(config.vehicle, config.seed, config.period_us, _range_sensor(config, arguments.surroundings)),
                 config.clock.mode == "lockstep",
                 recorder.sample if recorder is not None else None,
                 Signing(key_of(sign.passphrase), sign.epoch) if sign.passphrase else None,
@@ -138,6 +145,15 @@ def _fly(arguments: argparse.Namespace) -> int:
             if recorder is not None:
                 recorder.close()
     return 0
+
+
+def _range_sensor(config: RunConfig, surroundings: Path | None) -> RangeSensor | None:
+    """The sensor, which sees hidden obstacles and those of the map alike."""
+    if config.vehicle.range_sensor is None:
+        return None
+    known = read_obstacles(surroundings) if surroundings is not None else ()
+    scene = Scene.of((*config.vehicle.obstacles, *known), config.start_m)
+    return RangeSensor(config.vehicle.range_sensor, scene, config.seed)
 
 
 def _for_instance(config: RunConfig, instance: int) -> RunConfig:

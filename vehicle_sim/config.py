@@ -23,7 +23,9 @@ from vehicle_sim.parts import (
     BatteryConfig,
     FailureConfig,
     HomeConfig,
+    ObstacleConfig,
     Positive,
+    RangeSensorConfig,
     SensorsConfig,
     SigningConfig,
     WindConfig,
@@ -45,6 +47,10 @@ class VehicleConfig:
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     signing: SigningConfig = field(default_factory=SigningConfig)
     failures: tuple[FailureConfig, ...] = ()
+    obstacles: Annotated[
+        tuple[ObstacleConfig, ...], Field(description="what the world's map does not show, from a time on")
+    ] = ()
+    range_sensor: Annotated[RangeSensorConfig | None, Field(description="sends OBSTACLE_DISTANCE; null: none")] = None
     parameters: Annotated[dict[str, float | int], Field(description="PX4 parameters by name")] = field(
         default_factory=dict
     )
@@ -90,6 +96,7 @@ class RunConfig:
 
 
 _RUN_ADAPTER = TypeAdapter(RunConfig)
+_OBSTACLES_ADAPTER = TypeAdapter(tuple[ObstacleConfig, ...])
 _VEHICLE_ADAPTER = TypeAdapter(VehicleConfig)
 
 
@@ -139,6 +146,16 @@ def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfi
         raise ConfigError(f"{path}:{line}: vehicle.parameters.{name}: {advice}")
     _check_period(config, path, root)
     return config
+
+
+def read_obstacles(path: Path) -> tuple[ObstacleConfig, ...]:
+    """A JSON list of obstacles, each as in `vehicle.obstacles`. Raises `ConfigError`."""
+    try:
+        return _OBSTACLES_ADAPTER.validate_json(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give a JSON file of obstacles") from error
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_explain(error, ())[1]}") from error
 
 
 def run_as_dict(config: RunConfig) -> dict[str, Any]:

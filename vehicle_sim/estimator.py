@@ -1,14 +1,15 @@
 """From sensors to an estimate: inertial dead reckoning with gyroscope and accelerometer, corrected with fixed gains.
 
     q' = q exp((w - b) dt)        v' = v + (R f + g) dt        p' = p + v dt
-    GPS:  p += K_p (p_gps - p_then)    v += K_v (v_gps - v_then)    tilt by K_t z x (v_gps - v_then) / g    b by K_b times that turn
-    magnetometer: turn about the vertical by K_m times the heading error        barometer: height and climb
+    GPS:  p += k_p h (p_gps - p_then)    v += k_v h (v_gps - v_then)    tilt by k_t h z x (v_gps - v_then) / g    b by K_b times that turn
+    magnetometer: turn about the vertical by K_m times the heading error
+    barometer: height, climb and the accelerometer's bias downwards
 
-"then" is the estimate at the moment the GPS measured, `DELAY_TICKS` slow ticks ago. Errors of the result are PX4's in size: GPS wander
-makes 0.3 m, and tilt follows horizontal acceleration a little. State in `flight.estimate` (layout of `State`), `gyro_bias`, `history`.
+"then" is the estimate at the moment the GPS measured; h is the time between two fixes, so that the gains do not depend on the GPS's rate.
+Without a barometer the height follows GPS as the other axes do. State in `flight.estimate` (layout of `State`), `gyro_bias`, `history`.
 """
 
-from math import atan2, sqrt
+from math import atan2
 from typing import Any, NamedTuple
 
 from vehicle_sim.compiled import inlined
@@ -16,13 +17,13 @@ from vehicle_sim.dynamics import GRAVITY_MPS2
 from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_multiply, rotate, rotate_back
 from vehicle_sim.sensors import MAGNETIC_FIELD_NED_GAUSS
 
-#: 120 ms at 100 Hz, and how much history is kept.
-DELAY_TICKS = 12
-HISTORY = 16
-_K_P, _K_V, _K_TILT, _K_BIAS = 0.2, 0.3, 0.08, 0.02
-_K_PZ, _K_VZ = 0.02, 0.03
-_K_BARO, _K_BARO_V = 0.02, 0.01
-_K_MAG = 0.02
+#: GPS, per second: position, velocity, tilt; height and climb beside a barometer.
+K_POSITION, K_VELOCITY, K_TILT = 1.0, 1.5, 0.4
+K_HEIGHT, K_CLIMB = 0.1, 0.15
+#: Barometer and magnetometer, per reading; gyroscope bias, share of every turn.
+K_BARO, K_BARO_CLIMB, K_BARO_BIAS = 0.02, 0.01, 0.001
+K_MAG = 0.02
+K_BIAS = 0.1
 _DECLINATION = atan2(MAGNETIC_FIELD_NED_GAUSS[1], MAGNETIC_FIELD_NED_GAUSS[0])
 
 
@@ -53,22 +54,20 @@ def dead_reckon(before: Inertial, omega_radps: Vector, specific_force_mps2: Vect
 
 
 @inlined
-def correct_by_gps(m: Any, position: Vector, velocity: Vector) -> None:
-    """`position` and `velocity` are what GPS measured `DELAY_TICKS` ago."""
-    then = m.history[(m.tick + HISTORY - DELAY_TICKS) % HISTORY]
-    e = m.estimate
-    en, ee = velocity[0] - then[3], velocity[1] - then[4]
-    e[0] += _K_P * (position[0] - then[0])
-    e[1] += _K_P * (position[1] - then[1])
-    e[2] += _K_PZ * (position[2] - then[2])
-    e[3] += _K_V * en
-    e[4] += _K_V * ee
-    e[5] += _K_VZ * (velocity[2] - then[5])
-    q = (e[6], e[7], e[8], e[9])
-    turn = rotate_back(q, (_K_TILT * ee / GRAVITY_MPS2, -_K_TILT * en / GRAVITY_MPS2, 0.0))
-    _turn(m, turn)
-    for i in range(3):
-        m.gyro_bias[i] -= _K_BIAS * turn[i]
+def correct_by_gps(m: Any, fix: Any, then: Any, interval_s: float, has_barometer: bool) -> None:
+    """`fix` is position and velocity as measured at the time of which `then` is the estimate."""
+    e, z = m.estimate, m.innovation
+    for i in range(6):
+        z[i] = fix[i] - then[i]
+    k_height, k_climb = (K_HEIGHT, K_CLIMB) if has_barometer else (K_POSITION, K_VELOCITY)
+    e[0] += K_POSITION * interval_s * z[0]
+    e[1] += K_POSITION * interval_s * z[1]
+    e[2] += k_height * interval_s * z[2]
+    e[3] += K_VELOCITY * interval_s * z[3]
+    e[4] += K_VELOCITY * interval_s * z[4]
+    e[5] += k_climb * interval_s * z[5]
+    k = K_TILT * interval_s / GRAVITY_MPS2
+    _turn(m, rotate_back((e[6], e[7], e[8], e[9]), (k * z[4], -k * z[3], 0.0)))
 
 
 @inlined
@@ -77,27 +76,18 @@ def correct_by_magnetometer(m: Any, field_b: Vector) -> None:
     e = m.estimate
     q = (e[6], e[7], e[8], e[9])
     north, east, _ = rotate(q, field_b)
-    error = atan2(east, north) - _DECLINATION
-    turn = rotate_back(q, (0.0, 0.0, -_K_MAG * error))
-    _turn(m, turn)
-    for i in range(3):
-        m.gyro_bias[i] -= _K_BIAS * turn[i]
+    m.innovation[7] = _DECLINATION - atan2(east, north)
+    _turn(m, rotate_back(q, (0.0, 0.0, K_MAG * m.innovation[7])))
 
 
 @inlined
 def correct_by_barometer(m: Any, d_m: float) -> None:
     """Height above the origin, downwards."""
     error = d_m - m.estimate[2]
-    m.estimate[2] += _K_BARO * error
-    m.estimate[5] += _K_BARO_V * error
-
-
-@inlined
-def remember(m: Any) -> None:
-    """Keep position and velocity of this slow tick for measurements that come late."""
-    m.tick = (m.tick + 1) % HISTORY
-    for i in range(6):
-        m.history[m.tick, i] = m.estimate[i]
+    m.innovation[6] = error
+    m.estimate[2] += K_BARO * error
+    m.estimate[5] += K_BARO_CLIMB * error
+    m.down_bias -= K_BARO_BIAS * error
 
 
 @inlined
@@ -106,9 +96,5 @@ def _turn(m: Any, turn_rad: Vector) -> None:
     q = turned((e[6], e[7], e[8], e[9]), turn_rad)
     for i in range(4):
         e[6 + i] = q[i]
-
-
-@inlined
-def spread_per_step(spread: float, correlation_s: float, dt_s: float) -> float:
-    """Kick of a first-order wander that keeps `spread`: sigma sqrt(2 dt / T)."""
-    return spread * sqrt(2.0 * dt_s / correlation_s)
+    for i in range(3):
+        m.gyro_bias[i] -= K_BIAS * turn_rad[i]

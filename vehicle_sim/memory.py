@@ -56,12 +56,15 @@ _FLIGHT = [
     # what is believed: layout of State; its errors (position, velocity, attitude)
     ("estimate", "f8", 13),
     ("error", "f8", 9),
-    ("gyro_bias", "f8", 3),  # as the estimator believes it
-    ("gps_wander", "f8", 3),
-    ("gps", "f8", 6),  # the fix under way: position, velocity
-    ("tick", "i8"),
+    ("gyro_bias", "f8", 3),  # biases as the estimator believes them
+    ("down_bias", "f8"),  # of the accelerometer
+    ("innovation", "f8", 8),  # last ones: GPS position and velocity, height by the barometer (m), heading (rad)
+    # slow wander of GPS position and of the barometer's height; by tick: fixes under way, what was believed; the sensors' last sample:
+    # specific force, rates, field, pressure, GPS position and velocity
+    ("wander", "f8", 4),
+    ("gps_line", "f8", (16, 6)),
     ("history", "f8", (16, 6)),
-    ("readings", "f8", 13),  # specific force, rates, field, pressure, GPS position
+    ("readings", "f8", 16),
     ("velocity_sp", "f8", 3),
     ("acceleration_sp", "f8", 3),
     ("thrust_ned", "f8", 3),
@@ -100,16 +103,16 @@ _CONSTANTS = [
     # errors of the estimate: share kept, kicks of position, velocity, attitude
     ("error_keep", "f8"),
     ("error_kick", "f8", 3),
-    # the estimator: on, biases of the inertial sensors, ticks between GPS fixes, spread and correlation of its wander, spread of its speed
+    # the estimator: on; sensors: biases of the inertial ones, GPS fixes a tick and their delay in ticks, share of wander kept and its kicks
     ("filter", "i8"),
     ("gyro_bias", "f8", 3),
     ("accel_bias", "f8", 3),
-    ("gps_every", "i8"),
-    ("gps_wander", "f8", 2),
-    ("gps_wander_s", "f8"),
-    ("gps_speed_std", "f8"),
-    # standard deviations: accelerometer, gyroscope, magnetometer, barometer, GPS horizontal and vertical; ground altitude
-    ("sensor_std", "f8", 6),
+    ("fixes_per_tick", "f8"),
+    ("gps_delay", "i8"),
+    ("wander_keep", "f8"),
+    ("wander_kick", "f8", 4),
+    # white noise: accelerometer, gyroscope, magnetometer, barometer, GPS horizontal, vertical, speed; ground altitude
+    ("sensor_std", "f8", 7),
     ("ground_altitude", "f8"),
     # battery: cells, capacity, resistance, base current, efficiency
     ("pack", "f8", 5),

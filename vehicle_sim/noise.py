@@ -5,6 +5,27 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: Columns of the vehicle's noise table: (source, width). One row a step; slow sources use the row of their step.
+NOISE_COLUMNS = (
+    ("gyroscope", 3),
+    ("wind", 3),
+    ("estimate", 9),
+    ("accelerometer", 3),
+    ("magnetometer", 3),
+    ("barometer", 1),
+    ("gps", 3),
+    ("barometer wander", 1),
+    ("turbulence", 5),
+    ("gps velocity", 3),
+    ("gps wander", 3),
+)
+
+
+def first_column(sources: tuple[tuple[str, int], ...], name: str) -> int:
+    """Where a source's columns begin."""
+    at = [source for source, _ in sources].index(name)
+    return sum(width for _, width in sources[:at])
+
 
 class NoiseTable:
     """Rows of normal numbers, one row a step, each source in columns of its own."""

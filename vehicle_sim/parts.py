@@ -64,29 +64,32 @@ class WindConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SensorsConfig:
-    """White noise of the raw sensors and first-order Gauss-Markov errors of the estimate."""
+    """White noise, constant biases and slow wander of the sensors, and what the autopilot makes of them."""
 
+    estimator: Annotated[
+        Literal["filter", "error_model"],
+        Field(
+            description="filter: an estimate made of the sensors, with PX4-like errors; "
+            "error_model: truth plus the errors `estimate_*`, all zero for a perfect estimate"
+        ),
+    ] = "filter"
     accelerometer_std_mps2: NonNegative = 0.05
+    accelerometer_bias_std_mps2: NonNegative = 0.03
     gyroscope_std_radps: NonNegative = 0.002
+    gyroscope_bias_std_radps: NonNegative = 0.002
     magnetometer_std_gauss: NonNegative = 0.002
     barometer_std_hpa: NonNegative = 0.02
-    gps_horizontal_std_m: NonNegative = 0.4
-    gps_vertical_std_m: NonNegative = 0.8
+    barometer_drift_std_m: NonNegative = 0.2
+    gps_horizontal_std_m: Annotated[float, Field(ge=0, description="each axis, nearly all of it slow wander")] = 0.3
+    gps_vertical_std_m: NonNegative = 0.6
+    gps_speed_std_mps: NonNegative = 0.1
+    gps_rate_hz: Annotated[float, Field(ge=1, le=50)] = 8.0
+    gps_delay_s: Annotated[float, Field(ge=0, le=0.15, description="from measurement to arrival")] = 0.12
+    gps_correlation_s: Annotated[float, Field(gt=0, description="of the wander of GPS and barometer")] = 60.0
     estimate_position_std_m: NonNegative = 0.02
     estimate_velocity_std_mps: NonNegative = 0.02
     estimate_attitude_std_rad: NonNegative = 0.003
     estimate_correlation_s: Positive = 5.0
-    estimator: Annotated[
-        Literal["error_model", "filter"],
-        Field(
-            description="error_model: truth plus the errors above; filter: an estimator fed by the sensors, with PX4-like errors"
-        ),
-    ] = "error_model"
-    gyroscope_bias_std_radps: NonNegative = 0.002
-    accelerometer_bias_std_mps2: NonNegative = 0.03
-    gps_rate_hz: Annotated[float, Field(ge=1, le=50)] = 5.0
-    gps_correlation_s: Annotated[float, Field(gt=0, description="of the wander of GPS positions (filter)")] = 60.0
-    gps_speed_std_mps: NonNegative = 0.1
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -110,6 +113,32 @@ class FailureConfig:
     ok: bool = False
     instance: Annotated[int, Field(ge=0, le=4, description="motor 1 to 4 in PX4's order, 0 for all")] = 0
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class ObstacleConfig:
+    """Something solid that stands in the true world from a time on; others learn of it through the range sensor alone."""
+
+    name: Annotated[str, Field(min_length=1)]
+    polygon_m: Annotated[
+        tuple[tuple[float, float], ...], Field(min_length=3, description="corners, x east, y north, world frame")
+    ]
+    appears_s: Annotated[float, Field(ge=0, description="time since boot")] = 0.0
+    height_m: Annotated[float | None, Field(gt=0, description="above the ground; null: higher than anything flies")] = (
+        None
+    )
+
+
+@dataclass(frozen=True, config=STRICT)
+class RangeSensorConfig:
+    """A level scanner on the vehicle's nose that sends OBSTACLE_DISTANCE."""
+
+    rate_hz: Annotated[float, Field(ge=0.5, le=50)] = 10.0
+    reach_m: Annotated[float, Field(gt=0, le=650)] = 20.0
+    least_m: Annotated[float, Field(ge=0, description="shortest range it can tell")] = 0.2
+    field_deg: Annotated[float, Field(gt=0, le=360, description="centred on the nose")] = 360.0
+    sectors: Annotated[int, Field(ge=1, le=72)] = 72
+    noise_std_m: NonNegative = 0.03
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -1,12 +1,11 @@
-"""Raw sensors with white noise, and the estimate.
+"""What sensors measure, and the error model that may stand in for the estimator.
 
-There is no estimation filter: the estimate is the truth plus first-order Gauss-Markov errors, which is what a converged
-filter leaves over. Raw sensors feed the telemetry (HIGHRES_IMU, GPS_RAW_INT, SCALED_PRESSURE) and the gyroscope the rate loop.
+The error model's estimate is the truth plus first-order Gauss-Markov errors, as a very good estimator's would be (RTK, motion capture):
 
     b' = a b + sigma sqrt(1 - a^2) n,  a = exp(-dt / T)
 """
 
-from math import exp, pow, sqrt
+from math import exp, hypot, pow, sqrt
 from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
@@ -17,6 +16,9 @@ from vehicle_sim.wind import next_value
 
 #: Earth's field in NED (gauss), mid-European.
 MAGNETIC_FIELD_NED_GAUSS: Vector = (0.212, 0.012, 0.427)
+HORIZONTAL_FIELD_GAUSS = hypot(MAGNETIC_FIELD_NED_GAUSS[0], MAGNETIC_FIELD_NED_GAUSS[1])
+#: Share of a GPS position's spread that is white; the rest wanders slowly.
+WHITE_OF_GPS = 0.3
 _SEA_LEVEL_HPA = 1013.25
 TEMPERATURE_C = 25.0
 
@@ -38,6 +40,7 @@ class Readings(NamedTuple):
     magnetometer_gauss: Vector
     pressure_hpa: float
     gps_ned_m: Vector
+    gps_velocity_mps: Vector
 
 
 class ErrorModel(NamedTuple):
@@ -87,6 +90,11 @@ def believed(x: State, error: EstimateError, omega_wb_b_radps: Vector) -> State:
     w, i, j, k = normalize(quaternion_multiply((x.qw, x.qx, x.qy, x.qz), (1.0, 0.5 * da[0], 0.5 * da[1], 0.5 * da[2])))
     p, q, r = omega_wb_b_radps
     return State(x.n + dp[0], x.e + dp[1], x.d + dp[2], x.vn + dv[0], x.ve + dv[1], x.vd + dv[2], w, i, j, k, p, q, r)
+
+
+def wander_of_gps(spread_m: float) -> float:
+    """The slow part of a GPS position's spread."""
+    return spread_m * sqrt(1.0 - WHITE_OF_GPS**2)
 
 
 @inlined

@@ -4,33 +4,34 @@ The fast part (400 steps a second) is the compiled kernel of `flight`; between i
 time in integer microseconds since boot (the only clock of the whole process).
 """
 
-from math import ceil, exp, inf, radians
+from math import ceil, inf, radians
 
 import numpy as np
 
+from vehicle_sim.accuracy import accuracy_of
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
-from vehicle_sim.battery import BatteryState, Pack, fresh_battery
+from vehicle_sim.battery import BatteryState, fresh_battery
 from vehicle_sim.compiled import is_cached, plain
 from vehicle_sim.config import VehicleConfig
-from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, specific_force, state_at_rest
+from vehicle_sim.constants import write_constants
+from vehicle_sim.dynamics import GRAVITY_MPS2, State, specific_force, state_at_rest
 from vehicle_sim.failures import Failure, Failures
 from vehicle_sim.flight import advance
 from vehicle_sim.geo import GeoFrame
-from vehicle_sim.memory import CONSTANTS, FLIGHT, Fields
-from vehicle_sim.noise import NoiseTable
+from vehicle_sim.memory import FLIGHT, Fields
+from vehicle_sim.noise import NOISE_COLUMNS, NoiseTable
+from vehicle_sim.obstacles import RangeSensor
 from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.rotation import Vector
-from vehicle_sim.rotors import Four, RotorModel
+from vehicle_sim.rotors import Four
 from vehicle_sim.sensors import ErrorModel, Estimate, Readings, pressure_hpa
-from vehicle_sim.surroundings import NOISE_COLUMNS, believe
-from vehicle_sim.wind import WindModel, discrete_gust
+from vehicle_sim.surroundings import believe
+from vehicle_sim.wind import discrete_gust
 
 _MAX_STEP_US = 2500
 _SLOW_US = 10_000
 _NOISE_ROWS = 1024
-#: Share of a GPS receiver's error that wanders slowly; the rest is white and averages out.
-_WANDER_OF_GPS = 0.5
 
 
 def step_for_period_us(period_us: int) -> int:
@@ -44,22 +45,27 @@ def step_for_period_us(period_us: int) -> int:
 class Vehicle:
     """Truth, estimate and autopilot of one quadcopter."""
 
-    def __init__(self, config: VehicleConfig, seed: int, period_us: int = 20_000) -> None:
+    def __init__(
+        self, config: VehicleConfig, seed: int, period_us: int = 20_000, range_sensor: RangeSensor | None = None
+    ) -> None:
         self.config = config
+        self.range_sensor = range_sensor
         self.step_us = step_for_period_us(period_us)
         self.t_us = 0
         self._slow_every = max(1, _SLOW_US // self.step_us)
         self._steps = 0
         self._noise = NoiseTable(seed, NOISE_COLUMNS, _NOISE_ROWS)
         self._row = 0
-        self.flight, self.constants = Fields(FLIGHT), Fields(CONSTANTS)
-        self._write_constants()
+        dt_s = self.step_us * 1e-6
+        self.flight, self.constants = Fields(FLIGHT), write_constants(config, dt_s, self._slow_every)
+        self.accuracy = accuracy_of(config.sensors, dt_s, self._slow_every * dt_s)
         self._set_at_rest(seed)
         self.geo = GeoFrame.at(config.home)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
         self.autopilot = Autopilot(_parameters(config, hover), self.flight, self.constants)
         self.failures = Failures(tuple(Failure(**vars(f)) for f in config.failures), self.flight, self.constants)
         self._estimate: Estimate | None = None
+        self._aided_us = 0
         self._advance = advance
 
     @property
@@ -91,7 +97,8 @@ class Vehicle:
     def readings(self) -> Readings:
         """The raw sensors' last sample."""
         r = self.flight.readings.tolist()
-        return Readings((r[0], r[1], r[2]), (r[3], r[4], r[5]), (r[6], r[7], r[8]), r[9], (r[10], r[11], r[12]))
+        field, place, velocity = (r[6], r[7], r[8]), (r[10], r[11], r[12]), (r[13], r[14], r[15])
+        return Readings((r[0], r[1], r[2]), (r[3], r[4], r[5]), field, r[9], place, velocity)
 
     @property
     def battery(self) -> BatteryState:
@@ -145,7 +152,7 @@ class Vehicle:
                 self.failures.update(self.t_us * 1e-6)
                 if self.config.wind.discrete_gusts:
                     self.constants.discrete_gust[:] = discrete_gust(self.config.wind.discrete_gusts, self.t_us * 1e-6)
-                self.autopilot.commander.health.estimate_good = not self.failures.gps_lost
+                self.autopilot.commander.health.estimate_good = self._is_position_known()
                 self.autopilot.tick(self.t_us * 1e-6, self.estimate, float(self.flight.battery[0]))
             if self._row == _NOISE_ROWS:
                 self._noise.refill()
@@ -157,6 +164,12 @@ class Vehicle:
             self.t_us += batch * self.step_us
             self._estimate = None
             count -= batch
+
+    def _is_position_known(self) -> bool:
+        """GPS is there, or was so short a time ago that dead reckoning will do."""
+        if not self.failures.gps_lost:
+            self._aided_us = self.t_us
+        return self.t_us - self._aided_us <= self.autopilot.parameters.integer("EKF2_NOAID_TOUT")
 
     def inject_failure(self, unit: int | None, kind: int | None, instance: int) -> bool:
         """MAV_CMD_INJECT_FAILURE; false when this vehicle cannot fail so."""
@@ -181,55 +194,8 @@ class Vehicle:
         c.gyro_bias[:] = sensors.gyroscope_bias_std_radps * biases.standard_normal(3)
         c.accel_bias[:] = sensors.accelerometer_bias_std_mps2 * biases.standard_normal(3)
         f.estimate[:] = x
-        f.gps[:] = x[:6]
         believe(f.record[0], c.record[0], first)
         self._row = 1
-
-    def _write_constants(self) -> None:
-        c, config = self.constants, self.config
-        dt_s = self.step_us * 1e-6
-        slow_s = self._slow_every * dt_s
-        body, rotors = Body.of(config.airframe), RotorModel.of(config.airframe)
-        wind, errors = WindModel.of(config.wind, slow_s), ErrorModel.of(config.sensors, slow_s)
-        for name, value in (
-            ("dt_s", dt_s),
-            ("slow_s", slow_s),
-            ("slow_every", self._slow_every),
-            ("readings_every", 2 * self._slow_every),
-            ("attitude_every", 2),
-            ("mass", body.mass_kg),
-            ("quadratic_drag", body.quadratic_drag),
-            ("lag_keep_up", exp(-dt_s / rotors.time_constant_s)),
-            ("lag_keep_down", exp(-dt_s / (config.airframe.motor_time_constant_down_s or rotors.time_constant_s))),
-            ("rotor_drag", config.airframe.rotor_drag_n_per_mps_radps),
-            ("w20", config.wind.dryden_w20_mps),
-            ("filter", config.sensors.estimator == "filter"),
-            ("gps_every", max(1, round(1.0 / (config.sensors.gps_rate_hz * slow_s)))),
-            ("gps_wander_s", config.sensors.gps_correlation_s),
-            ("gps_speed_std", config.sensors.gps_speed_std_mps),
-            ("gust_keep", wind.keep),
-            ("error_keep", errors.keep),
-            ("ground_altitude", config.home.altitude_m),
-        ):
-            c.put(name, value)
-        s = config.sensors
-        c.inertia[:] = body.inertia_kgm2
-        c.linear_drag[:] = body.linear_drag
-        c.rotor[:] = rotors
-        c.motor_health[:] = 1.0
-        c.wind_mean[:] = wind.mean_ned_mps
-        c.gust_kick[:] = wind.kick_ned_mps
-        c.error_kick[:] = errors[1:]
-        c.pack[:] = Pack.of(config.battery)
-        c.gps_wander[:] = (_WANDER_OF_GPS * s.gps_horizontal_std_m, _WANDER_OF_GPS * s.gps_vertical_std_m)
-        c.sensor_std[:] = (
-            s.accelerometer_std_mps2,
-            s.gyroscope_std_radps,
-            s.magnetometer_std_gauss,
-            s.barometer_std_hpa,
-            s.gps_horizontal_std_m,
-            s.gps_vertical_std_m,
-        )
 
 
 def _parameters(config: VehicleConfig, hover_thrust: float) -> ParameterStore:

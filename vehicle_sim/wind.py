@@ -20,6 +20,11 @@ _ROOT3 = sqrt(3.0)
 _LEAST_AIRSPEED_MPS = 1.0
 
 
+def keep_of(dt_s: float, correlation_s: float) -> float:
+    """What a first-order process keeps of its value in one step."""
+    return exp(-dt_s / correlation_s)
+
+
 class WindModel(NamedTuple):
     """Mean and first-order gust in NED for one fixed step."""
 
@@ -31,7 +36,7 @@ class WindModel(NamedTuple):
     def of(cls, config: WindConfig, dt_s: float) -> "WindModel":
         """Turn the configuration's east, north, up into NED."""
         gust_e, gust_n, gust_u = config.gust_std_mps
-        keep = exp(-dt_s / config.gust_correlation_s)
+        keep = keep_of(dt_s, config.gust_correlation_s)
         spread = sqrt(1.0 - keep * keep)
         return cls(ned(config.mean_enu_mps), keep, (gust_n * spread, gust_e * spread, gust_u * spread))
 

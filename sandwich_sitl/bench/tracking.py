@@ -22,6 +22,7 @@ from sandwich_sitl.recording.summary import active_spans, tracking_error
 Array = NDArray[np.float64]
 
 _PERFECT = {
+    "vehicle.sensors.estimator": "error_model",
     "vehicle.sensors.estimate_position_std_m": 0.0,
     "vehicle.sensors.estimate_velocity_std_mps": 0.0,
     "vehicle.sensors.estimate_attitude_std_rad": 0.0,

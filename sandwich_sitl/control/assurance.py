@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 GRID_S = 0.02
+_EVERY_ALTITUDE = np.empty((0, 2))
 _BEYOND = 1.25  # of a limit: limits are soft in the problem, a plan that passes them by more is refused
 
 
@@ -47,6 +48,7 @@ class Fault(StrEnum):
     NOT_FINITE = "the plan is not finite"
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
+    OBSTACLE = "an obstacle has appeared on the way"
 
 
 @dataclass(frozen=True)
@@ -57,34 +59,56 @@ class Bounds:
     region_tolerance_m: float
 
 
-def _outside(points: Array, Lambda: Array, Gamma: Array, region: Indices) -> tuple[float, float]:
-    """First and largest distance outside of the regions of points (m, >= 2); chords count with the better region."""
+def _beyond(point: Array, Lambda: Array, Gamma: Array, z_m: Array, k: int) -> float:
+    """How far outside of region k a point (3,) lies; negative inside."""
+    value = -np.inf
+    for f in range(Gamma.shape[1]):
+        value = max(value, Lambda[k, f, 0] * point[0] + Lambda[k, f, 1] * point[1] - Gamma[k, f])
+    if len(z_m) > 0:
+        value = max(value, z_m[k, 0] - point[2], point[2] - z_m[k, 1])
+    return float(value)
+
+
+_compiled_beyond: Callable[[Array, Array, Array, Array, int], float] = numba.njit(cache=True)(_beyond)
+
+
+def _outside(points: Array, Lambda: Array, Gamma: Array, z_m: Array, region: Indices) -> tuple[float, float]:
+    """First and largest distance outside of the regions of points (m, 3); chords count with the better region."""
     first, worst = 0.0, 0.0
     for i in range(len(points)):
-        x, y = points[i, 0], points[i, 1]
-        value = -np.inf
-        for f in range(Gamma.shape[1]):
-            value = max(value, Lambda[region[i], f, 0] * x + Lambda[region[i], f, 1] * y - Gamma[region[i], f])
+        value = _compiled_beyond(points[i], Lambda, Gamma, z_m, region[i])
         if i == 0:
             first = value
         elif region[i] != region[i - 1]:
             # The chord lies in the old region when its end does, in the new one when its start does.
-            old, new = -np.inf, -np.inf
-            for f in range(Gamma.shape[1]):
-                k = region[i - 1]
-                old = max(old, Lambda[k, f, 0] * x + Lambda[k, f, 1] * y - Gamma[k, f])
-                k = region[i]
-                new = max(new, Lambda[k, f, 0] * points[i - 1, 0] + Lambda[k, f, 1] * points[i - 1, 1] - Gamma[k, f])
+            old = _compiled_beyond(points[i], Lambda, Gamma, z_m, region[i - 1])
+            new = _compiled_beyond(points[i - 1], Lambda, Gamma, z_m, region[i])
             value = max(value, min(old, new))
         worst = max(worst, value)
     return first, worst
 
 
-outside: Callable[[Array, Array, Array, Indices], tuple[float, float]] = numba.njit(cache=True)(_outside)
+_compiled_outside: Callable[[Array, Array, Array, Array, Indices], tuple[float, float]]
+_compiled_outside = numba.njit(cache=True)(_outside)
 
 
-def examine(states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds) -> Fault:
-    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (3,)."""
+def outside(
+    points: Array, Lambda: Array, Gamma: Array, region: Indices, z_m: Array = _EVERY_ALTITUDE
+) -> tuple[float, float]:
+    """First and largest distance outside of their regions of points (m, 3) and the chords between them.
+
+    Regions (M, F, 2), (M, F) may have altitudes `z_m` (M, 2).
+    """
+    return _compiled_outside(points, Lambda, Gamma, z_m, region)
+
+
+def examine(
+    states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds,
+    z_m: Array = _EVERY_ALTITUDE,
+) -> Fault:  # fmt: skip
+    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (m, 3)
+    or (3,).
+    """
     if not np.isfinite(states).all():
         return Fault.NOT_FINITE
     squares = states[:, 3:] ** 2
@@ -93,7 +117,7 @@ def examine(states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region:
     largest = np.sqrt([plane.max(), climb.max(), push.max(), twist.max()])
     if (largest > _BEYOND * bounds.limits).any():
         return Fault.LIMITS
-    first, worst = outside(states[:, :3] + offset_m, Lambda, Gamma, region)
+    first, worst = outside(states[:, :3] + offset_m, Lambda, Gamma, region, z_m)
     if worst > max(bounds.region_tolerance_m, first + 1e-3):
         return Fault.REGION
     return Fault.NONE

@@ -1,16 +1,21 @@
-"""What the vehicle does, seen beside what it was told: offset, delay, acceleration and jerk from telemetry.
+"""What the vehicle does, seen beside what it was told: its motion, its offset and its delay from telemetry.
 
-The autopilot's own loops make the vehicle follow its set-points c after a delay tau, up to an offset o that wind, drag
-and model errors leave:  r(t) = c(t - tau) + o(t).  All three are estimated, each in its own way:
+The autopilot's own loops make the vehicle follow its set-points c after a delay tau, up to an error e that wind, drag
+and model errors leave:  r(t) = c(t - tau) + e(t).  Error and delay are estimated:
 
-    offset   o' = w (r - c(t - tau) - o)                       the controller aims at p - o, so that r comes to p
+    error    e+ = A e + L ([r, v] - c(t - tau) - [e_r, e_v]),   e = [e_r, e_v, e_a, e_j]:  L is the steady Kalman gain of
+             the integrator chain driven by white snap, with poles near w. The vehicle's r, v, a, j are c(t - tau) + e
     delay    tau' = -kappa (v - c'(t - tau)) . a / (1 + a . a)    a late vehicle is slow while it speeds up; a steady
-             offset has no velocity, so wind is not mistaken for delay. Horizontal axes, 0 <= tau <= 0.3 s
-    motion   e+ = A e + L ([r, v] - c(t - tau) - [e_r, e_v])    all of r, v, a, j as c(t - tau) + e; L is the steady
-             Kalman gain of the integrator chain driven by white snap, with poles near w
+             error has no velocity, so wind is not mistaken for delay. Horizontal axes, 0 <= tau <= 0.3 s
+
+What is aimed off is the error to come,  o(t) = e_r + T (1 - exp(-t / T)) e_v:  a vehicle that wind has begun to move
+moves on, until the autopilot stops it after about T. Without e_v the correction comes after the error; e_a and e_j
+carry e_v over the gust without lag and say nothing more about the time after T, so they end here and in the log.
 
 A measurement is compared with the command at its own time stamp. Nothing here writes into the command: a jump of the
-estimate moves the controller's aim at the rate w, and the command follows as smoothly as the plant model does.
+estimate moves the controller's aim at the rate w, and the command follows as smoothly as the plant model does. For the
+same reason the plan starts from the command and not from the vehicle's estimated motion, which carries the noise of
+its sensors into every derivative.
 """
 
 import numpy as np
@@ -24,6 +29,9 @@ Array = NDArray[np.float64]
 
 STALE_S = 0.5  # age at which a measurement says nothing any more
 _MOST_DELAY_S = 0.3
+_FIRST_DELAY_S = 0.06  # a multicopter's attitude loop, until its delay has been seen
+_DRIFT_S = 0.12  # T
+_GAP_S = 0.1  # without measurements for longer, only the place of the error is still believed
 _DELAY_GAIN = 0.5  # kappa
 _KEPT = 128  # commands remembered
 
@@ -41,13 +49,14 @@ def kalman_gain(period_s: float, bandwidth_radps: float) -> Array:
 
 
 class VehicleEstimator:
-    """State: commands sent in the last seconds, `offset_m` (3,), `delay_s`, error state. Times of one run clock, ENU SI."""
+    """State: commands sent in the last seconds, `delay_s`, the error. Times of one run clock, ENU SI. `motion` (12,) is
+    the vehicle's estimated r, v, a, j at the time of the last measurement.
+    """
 
     def __init__(self, config: TrackingConfig, period_s: float, t_s: float, state: Array) -> None:
         """Starts with `state` (12,) as the command that has been in force up to `t_s`."""
         self._config, self._period_s = config, period_s
-        self.delay_s = 0.0 if config.delay_s is None else config.delay_s
-        self.offset_m = np.zeros(3)
+        self.delay_s = _FIRST_DELAY_S if config.delay_s is None else config.delay_s
         self._chain = quadruple_integrator(period_s, "zoh").A_p[::3, ::3]
         self._gain = kalman_gain(period_s, config.motion_radps)
         self._error = np.zeros((4, 3))
@@ -56,6 +65,19 @@ class VehicleEstimator:
         self._newest = 0
         self._measured_s = -np.inf
         self.motion = state.copy()
+
+    @property
+    def offset_m(self) -> Array:
+        """What is aimed off (3,) now."""
+        return np.asarray(self.offset_ahead(np.zeros(1))[0])
+
+    def offset_ahead(self, times_s: Array) -> Array:
+        """What is to be aimed off (n, 3) at times (n,) >= 0 from now, at most `offset_limit_m` long."""
+        drift = _DRIFT_S * (1.0 - np.exp(-times_s / _DRIFT_S))
+        offset = self._error[0] + drift[:, None] * self._error[1]
+        size = np.sqrt((offset * offset).sum(axis=1, keepdims=True))
+        limit = self._config.offset_limit_m
+        return np.asarray(offset * (limit / np.maximum(size, limit)))
 
     def commanded(self, t_s: float, state: Array) -> None:
         """Remember what was sent: `state` (12,) at `t_s`."""
@@ -91,14 +113,18 @@ class VehicleEstimator:
         command = self.command_at(measured_s - self.delay_s)
         error = np.stack([r_m, v_mps]) - command[:6].reshape(2, 3)
         self._learn_delay(error[1, :2], command[6:8], dt)
-        self.offset_m = self.offset_m + (1.0 - np.exp(-self._config.observer_radps * dt)) * (error[0] - self.offset_m)
-        size = float(np.linalg.norm(self.offset_m))
-        if size > self._config.offset_limit_m:
-            self.offset_m *= self._config.offset_limit_m / size
-        self._error = self._chain @ self._error
+        self._carry(dt)
         self._error = self._error + self._gain @ (error - self._error[:2])
         self.motion = command + self._error.ravel()
         return True
+
+    def _carry(self, dt: float) -> None:
+        """The error from the last measurement to this one."""
+        if dt > _GAP_S:
+            self._error[1:] = 0.0
+            return
+        for _ in range(max(1, round(dt / self._period_s))):
+            self._error = self._chain @ self._error
 
     def _learn_delay(self, slow_mps: Array, a_mps2: Array, dt: float) -> None:
         if self._config.delay_s is not None:

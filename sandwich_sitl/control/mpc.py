@@ -1,7 +1,8 @@
 """The paper's MPC as two problems of one kind: x and y in their regions, z in its band (paper, section V-B; notes N13-N17).
 
 The printed equality z = z0 asks for unbounded snap (notes N15); z is a penalty here and a soft band round the desired
-height. x and y never meet z, so each problem is solved on its own, by the solver that `mpc.solver` names.
+height, within the altitudes of the region where it has some (floors). x and y never meet z, so each problem is solved
+on its own, by the solver that `mpc.solver` names.
 
 Recursive feasibility. The QP itself always has an answer, because only its input is bounded hard. What is carried
 from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions. A
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 
 _Z_WEIGHT = 20.0
 _GRAVITY_MPS2 = 9.80665
+_UP_DOWN = np.array([1.0, -1.0])
 _SERIOUS = (FREE, 1, CUT_OFF, FAILED)  # from the best status to the worst
 
 
@@ -75,22 +77,29 @@ class Mpc:
         self._solvers = (make_solver(config.solver, self.plane), make_solver(config.solver, self.height))
         self._z_normals = np.ascontiguousarray(np.broadcast_to(np.array([[1.0], [-1.0]]), (self.n_tau, 2, 1)))
 
-    def ticks(self, x: Array, desired_m: Array, Lambda: Array, Gamma: Array) -> tuple[HorizonTick, HorizonTick]:
-        """The two problems of state x (12,), desired positions (n, 3), half-planes Lambda (n, F, 2), Gamma (n, F)."""
+    def ticks(
+        self, x: Array, desired_m: Array, Lambda: Array, Gamma: Array, z_m: Array | None = None
+    ) -> tuple[HorizonTick, HorizonTick]:
+        """The two problems of state x (12,), desired positions (n, 3), half-planes Lambda (n, F, 2), Gamma (n, F).
+
+        Regions that have altitudes bring the lowest and highest, `z_m` (n, 2).
+        """
         state = x.reshape(4, 3)
         z = desired_m[:, 2:]
         far = self._band_m if np.isfinite(self._band_m) else 1e6
         band = np.concatenate([z + far, far - z], axis=1)
+        if z_m is not None:
+            band = np.minimum(band, z_m[:, ::-1] * _UP_DOWN)
         return (
             HorizonTick(state[:, :2], desired_m[:, :2], Lambda, Gamma),
             HorizonTick(state[:, 2:], z, self._z_normals, band),
         )
 
-    def solve(self, x: Array, desired_m: Array, Lambda: Array, Gamma: Array) -> MpcSolution:
-        """One tick: state x (12,), desired positions (n, 3), half-planes Lambda (n, F, 2), Gamma (n, F)."""
+    def solve(self, x: Array, desired_m: Array, Lambda: Array, Gamma: Array, z_m: Array | None = None) -> MpcSolution:
+        """One tick; arguments as of `ticks`."""
         plane, height = (
             solver.solve(tick)
-            for solver, tick in zip(self._solvers, self.ticks(x, desired_m, Lambda, Gamma), strict=True)
+            for solver, tick in zip(self._solvers, self.ticks(x, desired_m, Lambda, Gamma, z_m), strict=True)
         )
         n = self.n_tau
         states = np.concatenate([plane.motion, height.motion], axis=2).transpose(1, 0, 2).reshape(n, 12)

@@ -76,3 +76,8 @@ def stop_along(knots: Array, snap: Array, step_s: float, start_s: float, brake_m
     speed = float(np.sqrt((knots[:, 3:6] ** 2).sum(axis=1).max()))
     stop_s = min(max(STEEPEST * speed / brake_mps2, SHORTEST_S), longest)
     return StopPlan(knots, snap, step_s, start_s, stop_s)
+
+
+def standing(state: Array, step_s: float) -> StopPlan:
+    """The plan of a vehicle that rests at `state` (12,): to stay there."""
+    return StopPlan(np.tile(state, (2, 1)), np.zeros((1, 3)), step_s, 0.0, SHORTEST_S)

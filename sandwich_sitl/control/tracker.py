@@ -3,7 +3,7 @@
 The command is one unbroken motion of the plant model: each tick's plan starts from the command in force, so feedback
 never makes it jump. Feedback moves what the plan aims at: the reference, and the regions, less the offset that the
 estimator sees between vehicle and command. What is commanded now is flown a delay later, so the plan looks that much
-further ahead.
+further ahead. Estimated motion enters through the offset to come (`estimator`) and nowhere else.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from sandwich_sitl.control.estimator import VehicleEstimator
 from sandwich_sitl.control.lookup import between
 from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
 from sandwich_sitl.control.reference_clock import ReferenceClock
-from sandwich_sitl.control.stop_plan import StopPlan, stop_along
+from sandwich_sitl.control.stop_plan import StopPlan, standing, stop_along
 from sandwich_sitl.planning.flight_plan import Corridor, Reference
 
 Array = NDArray[np.float64]
@@ -74,9 +74,10 @@ class Tracker:
         self._lifting = bool(r_m[2] < reference.xyz_m[0, 2] + _LIFT_M / 2 < reference.xyz_m[-1, 2])
         self.clock = ReferenceClock(self._when_at(r_m[2]) - self._period_s)  # the first tick advances it
         self.estimator = VehicleEstimator(config.tracking, self._period_s, 0.0, self.command)
-        self._stop: StopPlan | None = None
+        self._stop = standing(self.command, mpc.step_s)
         self._stop_began_s = 0.0
         self._stop_sigma: Callable[[Array], Array] = self.clock.ahead
+        self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
         self._last_s = -self._period_s
 
     @property
@@ -84,42 +85,54 @@ class Tracker:
         """Whether the reference has come to its end."""
         return self.clock.t_s >= float(self._reference.t_s[-1])
 
+    def adopt(self, reference: Reference, corridor: Corridor) -> None:
+        """Fly another reference, which agrees with the present one up to the reference's present time and on."""
+        self._reference, self._corridor = reference, corridor
+        self.way_is_barred = False
+
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
         dt = min(max(t_s - self._last_s, 0.0), _MOST_PERIODS * self._period_s)
         self._last_s = t_s
-        if self._on_the_ground(t_s, r_m):
-            return self._push_off()
+        self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
-        self.clock.advance(dt, float(np.linalg.norm(self.command[3:6])))
+        if not self._lifting:
+            self.clock.advance(dt, float(np.linalg.norm(self.command[3:6])))
         seen = self.estimator.measure(t_s, t_s - age_s, r_m, v_mps)
         solution, stop, fault = self._plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
         rung = self._take(stop, t_s, dt)
         if rung is Rung.BRAKE:
             self.clock.follow(stood_s, 0.0)
         snap = solution.snap[0] if rung is Rung.PLAN else (self.command[9:] - before[9:]) / max(dt, 1e-9)
-        self.estimator.commanded(t_s, self.command)
+        asked = self.command
+        if self._lifting and rung is not Rung.BRAKE:
+            asked, snap = self._push_off(r_m, v_mps), snap * (1.0, 1.0, 0.0)
+        self.estimator.commanded(t_s, asked)
         return self._tick(solution, rung, fault, snap, self._rest_of_stop(t_s))
 
-    def _on_the_ground(self, t_s: float, r_m: Array) -> bool:
-        """Whether the vehicle has yet to leave the ground; when it has, the plan begins where the vehicle is then."""
-        if self._lifting:
-            height = float(r_m[2] - self._start_m[2])
-            self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), _LIFT_M)))
-            self._lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
-            if not self._lifting:
-                here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0]
-                self.command = np.concatenate([here, (there - here) / self._period_s, np.zeros(6)])
-                self.estimator = VehicleEstimator(self._config.tracking, self._period_s, t_s, self.command)
-        return self._lifting
+    def _await_lift_off(self, t_s: float, r_m: Array) -> None:
+        """Autopilots leave the ground in their own time: the reference goes along with the vehicle until it has.
 
-    def _push_off(self) -> Tick:
-        """Up from the ground, which autopilots leave in their own time: the reference goes along with the vehicle."""
-        above = self._start_m + np.array([0.0, 0.0, _LIFT_M])
-        self.command = np.concatenate([above, [0.0, 0.0, _LIFT_MPS], np.zeros(6)])
-        return self._tick(
-            self._mpc.no_solution(), Rung.PLAN, Fault.NONE, np.zeros(3), np.tile(above, (self._mpc.n_tau, 1))
-        )
+        Then the height is planned from where the vehicle is. Across, the plan holds the vehicle over its start from the
+        first tick on, because wind takes hold of it in the moment in which the ground lets go.
+        """
+        if not self._lifting:
+            return
+        height = float(r_m[2] - self._start_m[2])
+        self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), _LIFT_M)))
+        self._lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
+        if not self._lifting:
+            here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0][:, 2]
+            self.command = self.command.copy()
+            self.command[2::3] = [here, (there - here) / self._period_s, 0.0, 0.0]
+
+    def _push_off(self, r_m: Array, v_mps: Array) -> Array:
+        """Ask for a height and a speed that make a take-off; what the vehicle makes of them is no error of its height."""
+        self.command = self.command.copy()
+        self.command[2::3] = [self._start_m[2] + _LIFT_M, _LIFT_MPS, 0.0, 0.0]
+        asked = self.command.copy()
+        asked[2::3] = [r_m[2], v_mps[2], 0.0, 0.0]
+        return asked
 
     def _when_at(self, height_m: float) -> float:
         """When the reference first comes to a height, or to its own greatest one."""
@@ -135,18 +148,24 @@ class Tracker:
 
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
-        offset, delay = self.estimator.offset_m, self.estimator.delay_s
+        if self.way_is_barred:
+            return self._mpc.no_solution(), None, Fault.OBSTACLE
+        delay = self.estimator.delay_s
+        offset = self.estimator.offset_ahead(self._steps_s + delay)
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
-        solution = self._mpc.solve(self.command, desired - offset, Lambda, Gamma - Lambda @ offset[:2])
+        moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
+        band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
         stop = stop_along(knots, solution.snap, self._mpc.step_s, dt, self._brake_mps2)
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
         _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
-        corridor = self._corridor
-        fault = examine(stop.states(times), offset, corridor.Lambda, corridor.Gamma, along, self._bounds)
+        aimed_off, corridor = self.estimator.offset_ahead(times + delay), self._corridor
+        Lambda, Gamma, z_m = corridor.Lambda, corridor.Gamma, corridor.z_m
+        fault = examine(stop.states(times), aimed_off, Lambda, Gamma, along, self._bounds, z_m)
         return solution, stop if fault is Fault.NONE else None, fault
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:
@@ -156,7 +175,7 @@ class Tracker:
             self._stop_sigma = self.clock.frozen()
             self.command = stop.states(np.zeros(1))[0]
             return Rung.PLAN
-        if self._stop is None or t_s - self._stop_began_s >= self._stop.stop_s + dt:
+        if t_s - self._stop_began_s >= self._stop.stop_s + dt:
             return Rung.BRAKE
         elapsed = np.array([t_s - self._stop_began_s])
         self.command = self._stop.states(elapsed)[0]
@@ -165,8 +184,6 @@ class Tracker:
         return Rung.SHIFTED
 
     def _rest_of_stop(self, t_s: float) -> Array:
-        if self._stop is None:
-            return np.tile(self.command[:3], (len(self._steps_s), 1))
         return self._stop.states(t_s - self._stop_began_s + self._steps_s)[:, :3]
 
     def _sample(self, t_s: Array) -> tuple[Array, Indices]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from sandwich_sitl.errors import InputError
 from sandwich_sitl.link.codec import decode
 from sandwich_sitl.link.frames import (
     enu_from_ned,
@@ -20,12 +21,14 @@ from sandwich_sitl.link.frames import (
 )
 from sandwich_sitl.link.messages import ACK_OF
 from sandwich_sitl.link.modes import AUTOPILOTS, mode_of
+from sandwich_sitl.link.range_scan import scan_of
 from sandwich_sitl.link.wire import Frame
 from sandwich_sitl.mission.vehicle_view import (
     AckOf,
     AckResult,
     Autopilot,
     CommandAck,
+    RangeScan,
     StatusText,
     SystemStatus,
     VehicleView,
@@ -99,6 +102,8 @@ class Telemetry:
         self._parameters: Mapping[str, float] = MappingProxyType({})
         self._texts: list[StatusText] = []
         self._acks: list[CommandAck] = []
+        self._scans: list[RangeScan] = []
+        self._problems: list[str] = []
         self._chunks: tuple[int, int, str] | None = None
         self._interval_acks = 0
         self._handlers: dict[int, Callable[[Any, float], None]] = {
@@ -113,6 +118,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
             mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
+            mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: self._obstacle_distance,
         }
 
     @property
@@ -136,11 +142,15 @@ class Telemetry:
             heard=True,
             status_texts=tuple(self._texts),
             acks=tuple(self._acks),
+            scans=tuple(self._scans),
+            scan_problems=tuple(self._problems),
             parameters=self._parameters,
             **self._fields,
         )
         self._texts.clear()
         self._acks.clear()
+        self._scans.clear()
+        self._problems.clear()
         return view
 
     def take_interval_acks(self) -> int:
@@ -217,6 +227,15 @@ class Telemetry:
             self._interval_acks += 1
             return
         self._acks.append(CommandAck(command, _RESULTS.get(message.result, AckResult.OTHER)))
+
+    def _obstacle_distance(self, message: Any, now_s: float) -> None:
+        r_m, q_wxyz = self._fields.get("r_m"), self._fields.get("q_wxyz")
+        if r_m is None or q_wxyz is None:
+            return
+        try:
+            self._scans.append(scan_of(message, now_s, r_m, q_wxyz))
+        except InputError as error:
+            self._problems.append(str(error))
 
     def _param_value(self, message: Any, _now_s: float) -> None:
         name = message.param_id

@@ -58,6 +58,10 @@ class Mission:
         """The present state."""
         return self._memory.state
 
+    def rerouted(self, route_s: float) -> None:
+        """The reference now lasts this long, which bounds the time in ACTIVE."""
+        self._task = replace(self._task, route_s=route_s)
+
     def step(self, now_s: float, view: VehicleView, inputs: MissionInputs) -> Orders:
         """Advance to `now_s`; at most one transition a tick."""
         log: list[str] = []

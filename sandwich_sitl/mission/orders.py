@@ -70,12 +70,14 @@ class Outcome:
 @dataclass(frozen=True, slots=True)
 class MissionInputs:
     """`stop_requests`: Ctrl-C or SIGTERM so far. `route_finished`: the reference ended and the vehicle has settled at
-    the goal. `plan_stale`: the newest plan is too old to be sent.
+    the goal. `plan_stale`: the newest plan is too old to be sent. `no_way`: an obstacle has closed the way to the goal,
+    and the vehicle rests where it was stopped before it, or has not left the ground.
     """
 
     stop_requests: int = 0
     route_finished: bool = False
     plan_stale: bool = False
+    no_way: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,11 @@ from sandwich_sitl.control.tracker import Tick, Tracker, rehearse
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.mission.brake import BrakeProfile
 from sandwich_sitl.mission.orders import Stream
+from sandwich_sitl.mission.rerouting import Whereabouts
 from sandwich_sitl.mission.setpoint import Setpoint
 from sandwich_sitl.mission.vehicle_view import VehicleView
 from sandwich_sitl.planning.flight_plan import Corridor, Reference
+from sandwich_sitl.planning.replan import Replan, Verdict
 
 Vector = NDArray[np.float64]
 
@@ -61,6 +63,7 @@ class Pilot:
         self._sent_s = 0.0
         self._fresh = False
         self._lost = False
+        self._leads_on = True
         self._brake: BrakeProfile | None = None
         self._brake_from_s = 0.0
         self._ground_m: float | None = None
@@ -83,9 +86,32 @@ class Pilot:
         if self._fresh:
             self._sent_s = now_s
 
+    def whereabouts(self, view: VehicleView) -> Whereabouts:
+        """Where the flight is: the reference's own time, and the vehicle in the world."""
+        flying = self._tracker is not None
+        return Whereabouts(self._tracker.clock.t_s if self._tracker is not None else 0.0, flying, view.r_m)
+
+    def adopt(self, replan: Replan) -> None:
+        """Fly another reference from now on; it agrees with the present one up to now."""
+        self._reference, self._corridor = replan.reference, replan.corridor
+        self._leads_on = replan.verdict is Verdict.ROUTE
+        if self._tracker is not None:
+            self._tracker.adopt(self._reference, self._corridor)
+
+    def bar(self, barred: bool) -> None:
+        """Whether the way is barred: as long as it is, no plan is accepted and the last one is flown to its stop."""
+        if self._tracker is not None:
+            self._tracker.way_is_barred = barred
+
+    def no_way(self, view: VehicleView, given_up: bool) -> bool:
+        """Whether there is no way on to the goal and the vehicle rests."""
+        if self._tracker is None:
+            return given_up or not self._leads_on
+        return not self._leads_on and self._tracker.finished and view.speed_mps < _SETTLED_MPS
+
     def route_finished(self, view: VehicleView) -> bool:
         """Whether the reference has ended and the vehicle rests at its end."""
-        if self._tracker is None or view.r_m is None or not self._tracker.finished:
+        if self._tracker is None or view.r_m is None or not (self._leads_on and self._tracker.finished):
             return False
         miss = float(np.hypot(*(view.r_m[:2] - self._reference.xyz_m[-1, :2])))
         return miss < self._config.mission.goal_tolerance_m and view.speed_mps < _SETTLED_MPS
@@ -149,13 +175,20 @@ def _check_room(config: RunConfig) -> None:
     """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up."""
     if config.mode == "paper":
         return
-    for key, plan, reference in (
-        ("speed_mps", config.mpc.speed_mps, config.planner.speed_mps),
-        ("acceleration_mps2", motion_limits(config.mpc).acceleration_mps2, config.planner.acceleration_mps2),
-    ):
+    planner, tilted = config.planner, "acceleration_mps2 (with mpc.tilt_deg)"
+    pairs = [
+        ("speed_mps", config.mpc.speed_mps, "speed_mps", planner.speed_mps),
+        (tilted, motion_limits(config.mpc).acceleration_mps2, "acceleration_mps2", planner.acceleration_mps2),
+    ]
+    if planner.floors_m:
+        pairs += [
+            ("climb_mps", config.mpc.climb_mps, "climb_mps", planner.climb_mps),
+            ("climb_mps", config.mpc.climb_mps, "descent_mps", planner.descent_mps),
+        ]
+    for key, plan, slower, reference in pairs:
         if plan < reference:
             raise InputError(
-                f"mpc.{key}: {plan:g} (with mpc.tilt_deg) is less than planner.{key} {reference:g}, so the plan could "
+                f"mpc.{key}: {plan:g} is less than planner.{slower} {reference:g}, so the plan could "
                 "not follow its own reference; raise the one or lower the other"
             )
 

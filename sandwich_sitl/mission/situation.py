@@ -221,6 +221,11 @@ def plan_stale(s: Situation) -> bool:
     return s.inputs.plan_stale
 
 
+def no_way(s: Situation) -> bool:
+    """Stopped, or still on the ground, with the way to the goal closed."""
+    return s.inputs.no_way
+
+
 def route_finished(s: Situation) -> bool:
     """Settled at the goal."""
     return s.inputs.route_finished

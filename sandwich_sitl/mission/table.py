@@ -31,6 +31,7 @@ _TAKEN = (
 )
 _FAILSAFE = "the autopilot's failsafe took over ({mode}); setpoints have stopped{said}"
 _DISARMED = "the vehicle disarmed by itself; look into its own log{said}"
+_CLOSED = "obstacles reported before take-off close the way to the goal; the log says which"
 _NOT_READY = "the vehicle is not ready after {limit:g} s: {missing}{said}"
 _REFUSED = "the autopilot does not go into armed OFFBOARD{said}"
 
@@ -69,9 +70,11 @@ ROWS: tuple[Row, ...] = (
         End.REFUSED,
         "the vehicle is armed already (mode {mode}); let it land and disarm, then start again",
     ),
+    Row(State.READY, when.no_way, State.FAILED, End.REFUSED, _CLOSED),
     Row(State.READY, when.ready, State.PRIME),
     Row(State.READY, when.deadline, State.FAILED, End.REFUSED, _NOT_READY),
     Row(State.PRIME, when.stop, State.FAILED, End.INTERRUPTED, _STOPPED),
+    Row(State.PRIME, when.no_way, State.FAILED, End.REFUSED, _CLOSED),
     Row(State.PRIME, when.primed, State.REQUEST),
     Row(State.PRIME, when.deadline, State.FAILED, End.REFUSED, _NOT_READY),
     Row(State.REQUEST, when.taken_on_the_ground, State.FAILED, End.TAKEN_OVER, _TAKEN),
@@ -94,6 +97,13 @@ ROWS: tuple[Row, ...] = (
         State.BRAKE,
         End.HELD,
         "no checked plan to fly on: stopped there and held; the log has the faults",
+    ),
+    Row(
+        State.ACTIVE,
+        when.no_way,
+        State.BRAKE,
+        End.HELD,
+        "an obstacle has closed the way to the goal: stopped before it and held; the log says which",
     ),
     Row(State.ACTIVE, when.route_finished, State.LAND, End.LANDED, "reached the goal, landed and disarmed"),
     Row(State.ACTIVE, when.deadline, State.BRAKE, End.TIMEOUT, "the goal was not reached within {limit:g} s"),

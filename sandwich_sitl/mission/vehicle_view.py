@@ -97,6 +97,22 @@ class StatusText:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RangeScan:
+    """One sweep of a range sensor, turned into the world's frame by the pose that was known when it was heard.
+
+    `origin_m` (2,) is where the vehicle then was; `bearings_rad` (n,), counter-clockwise from east, are the middles of
+    sectors `width_rad` wide; `ranges_m` (n,) the distance of the nearest thing in each, inf where there is nothing
+    within reach and nan where nothing is known.
+    """
+
+    heard_s: float
+    origin_m: Vector
+    bearings_rad: Vector
+    width_rad: float
+    ranges_m: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class VehicleView:
     """The vehicle as last heard. Fields that were never heard are None; times are vehicle boot time in seconds."""
 
@@ -117,6 +133,8 @@ class VehicleView:
     battery_percent: float | None = None
     status_texts: tuple[StatusText, ...] = ()  # since the last tick
     acks: tuple[CommandAck, ...] = ()  # since the last tick
+    scans: tuple[RangeScan, ...] = ()  # since the last tick
+    scan_problems: tuple[str, ...] = ()  # what was wrong with others, since the last tick
     parameters: Mapping[str, float] = field(default_factory=lambda: _NO_PARAMETERS)
 
     @property

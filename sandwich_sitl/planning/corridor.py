@@ -11,7 +11,12 @@ Between samples. The controller holds the vehicle in its regions at instants T a
 is at most T / 2 from one, so the vehicle is at most  v T / 2  from the union of their two regions as long as it is no
 faster than v. That bound, `between_samples_m` with v = 1.25 v_reference + 0.05 m/s, is kept between every region and
 the obstacles grown by the vehicle's radius.
+
+Floors. With `Headroom` a region is a prism: it has a lowest and a highest altitude round those of its stretch, and
+only the obstacles that reach it, or what the vehicle may sink below it between samples, are kept out of its polygon.
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -35,6 +40,23 @@ _HAIR_M = 1e-6
 REACH_M = 6.0  # how far a region may reach from its seed
 _REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
 _NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
+_RISE_M = 1.5  # most that a stretch over one spot climbs
+
+
+@dataclass(frozen=True)
+class Headroom:
+    """What a floor keeps above the tops of the obstacles grown by the vehicle's radius, and the widest half of a band."""
+
+    margin_m: float
+    band_m: float
+
+    def band(self, t_s: Array, z_m: Array, interval_s: float) -> tuple[float, float, float]:
+        """Lowest and highest altitude of a region for samples (n,), and that above which tops are in its way."""
+        sinking = float(np.abs(np.diff(z_m) / np.diff(t_s)).max()) if len(z_m) > 1 else 0.0
+        bound = float(between_samples_m(np.array(sinking), interval_s))
+        half = min(self.band_m, self.margin_m - bound - _HAIR_M)
+        low, high = float(z_m.min()) - half, float(z_m.max()) + half
+        return low, high, low - bound
 
 
 def neighbouring_quadrangle(channel_map: ChannelMap, place: tuple[int, int, int]) -> Array:
@@ -99,17 +121,21 @@ def safe_speed_mps(clearance_m: Array, interval_s: float, share: float = 0.8) ->
 
 
 def proven_corridor(
-    t_s: Array, xyz_m: Array, channel_map: ChannelMap, outlines: Outlines, interval_s: float
-) -> tuple[Reference, Corridor]:
+    t_s: Array, xyz_m: Array, channel_map: ChannelMap, outlines: Outlines, interval_s: float,
+    headroom: Headroom | None = None,
+) -> tuple[Reference, Corridor]:  # fmt: skip
     """The reference (K,), (K, 3) with its regions, none of which comes nearer to an obstacle than the bound above.
 
-    `outlines` are the obstacles grown by the vehicle's radius. Raises `MapError` when a step is too near to one.
+    `outlines` are the obstacles grown by the vehicle's radius. Without `headroom` obstacles have no top and regions no
+    altitude. Raises `MapError` when a step is too near to an obstacle.
     """
     xy = xyz_m[:, :2]
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
     count = max(1, round(float(travelled[-1]) / _STRETCH_M))
     starts = np.unique(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], count + 1)[:-1] - 1e-12))
     spans = list(zip(starts.tolist(), [*starts[1:].tolist(), len(xy)], strict=True))
+    if headroom is not None:
+        spans = [part for span in spans for part in _by_height(xyz_m[:, 2], span)]
     speed = speeds_mps(t_s, xy)
     centres = xy[[(a + b) // 2 for a, b in spans]]
     quadrangles = [neighbouring_quadrangle(channel_map, place) for place in nearest_places(channel_map, centres)]
@@ -121,14 +147,19 @@ def proven_corridor(
     regions: list[Array] = []
     polygons: list[Array] = []
     neighbours: list[Array] = []
+    bands: list[tuple[float, float]] = []
     region = np.empty(len(xy), dtype=np.int64)
-    for span, quadrangle, edges in zip(spans, quadrangles, outlines.near(boxes), strict=True):
+    for span, quadrangle, (edges, tops) in zip(spans, quadrangles, outlines.near_with_tops(boxes), strict=True):
         waiting = [span]
         while waiting:
             a, b = waiting.pop()
             first = max(0, a - 1)
             keep = float(between_samples_m(speed[first : b + 1].max(), interval_s)) + _HAIR_M
-            found = _region(xy[first : b + 1], quadrangle, edges, keep)
+            z = xyz_m[first : b + 1, 2]
+            low, high, reached = (
+                headroom.band(t_s[first : b + 1], z, interval_s) if headroom else (-np.inf, np.inf, -np.inf)
+            )
+            found = _region(xy[first : b + 1], quadrangle, edges[tops > reached], keep)
             if found is None and b - a > 1:
                 waiting += [((a + b) // 2, b), (a, (a + b) // 2)]
                 continue
@@ -138,14 +169,26 @@ def proven_corridor(
             regions.append(found[0])
             polygons.append(found[1])
             neighbours.append(quadrangle)
-    return Reference(t_s, xyz_m, region), _stacked(
+            bands.append((low, high))
+    corridor = _stacked(
         [[(plane[:2], float(plane[2])) for plane in planes] for planes in regions], polygons, np.array(neighbours)
     )
+    if headroom is not None:
+        corridor = replace(corridor, z_m=np.array(bands))
+    return Reference(t_s, xyz_m, region), corridor
 
 
-def speeds_mps(t_s: Array, xy_m: Array) -> Array:
-    """Horizontal speed (K,) round each sample: the larger of those of the steps before and after it."""
-    step = np.hypot(*np.diff(xy_m, axis=0).T) / np.diff(t_s)
+def _by_height(z_m: Array, span: tuple[int, int]) -> list[tuple[int, int]]:
+    """A span of samples cut where it climbs or sinks by more than `_RISE_M`."""
+    a, b = span
+    steps = np.floor(np.concatenate([[0.0], np.cumsum(np.abs(np.diff(z_m[a:b])))]) / _RISE_M)
+    cuts = (a + np.flatnonzero(np.diff(steps)) + 1).tolist()
+    return list(zip([a, *cuts], [*cuts, b], strict=True))
+
+
+def speeds_mps(t_s: Array, points_m: Array) -> Array:
+    """Speed (K,) round each sample (K, d): the larger of those of the steps before and after it."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=1) / np.diff(t_s)
     return np.asarray(np.maximum(np.append(step, 0.0), np.append(0.0, step)))
 
 

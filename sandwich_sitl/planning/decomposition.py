@@ -25,12 +25,15 @@ def areas_m2(plan: FlightPlan) -> tuple[float, float, float]:
     """Mean area per control step of the corridor's regions, of the paper's quadrangles and of the decomposition."""
     region, corridor = plan.reference.region, plan.corridor
     used = np.unique(region)
-    outlines = Outlines([shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m)
+    tops = plan.blocking_heights_m + plan.vehicle_radius_m
+    outlines = Outlines([shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m, tops)
+    low = corridor.z_m[used, 0] if len(corridor.z_m) else np.full(len(used), -np.inf)
     hulls = [hull(plan.reference.xyz_m[region == m, :2]) for m in used]
     frames = np.array([_frame(h, corridor.polygons_m[m]) for h, m in zip(hulls, used, strict=True)])
     own = shapely.area([shapely.Polygon(corridor.polygons_m[m]) for m in used])
     paper = shapely.area([shapely.Polygon(corridor.neighbours_m[m]) for m in used])
-    free = [_largest(h, edges, frame) for h, edges, frame in zip(hulls, outlines.near(frames), frames, strict=True)]
+    near = [edges[above > z] for (edges, above), z in zip(outlines.near_with_tops(frames), low, strict=True)]
+    free = [_largest(h, edges, frame) for h, edges, frame in zip(hulls, near, frames, strict=True)]
     steps = np.array([np.count_nonzero(region == m) for m in used])
     mean = [float(np.average(areas, weights=steps)) for areas in (own, paper, np.array(free))]
     return mean[0], mean[1], mean[2]

@@ -34,6 +34,8 @@ _SHORTEST_STOP_S = 0.2
 _LEVEL_M = 1e-9
 _LEAST_AHEAD = -0.5  # cosine between velocity and route below which the vehicle stops before it turns
 _STOP_GROWTH = 1.05
+_OF_THE_PLANS = 0.7  # share of the plans' limits that a hard stop uses
+_GRAVITY_MPS2 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,28 @@ def handover(
                 return _in_corridor(config, ground, _level(timed.sampled(dt), height))
             except MapError:
                 pass
-    stop = climbing if len(climbing) else stop_reference(reference, begin, limits).reference.xyz_m
+    if len(climbing):
+        return _after(config, ground, climbing, route, height)
+    gentle, hard = (stop_reference(reference, begin, braking).reference.xyz_m for braking in stop_limits(config))
+    try:
+        return _after(config, ground, gentle, route, height)
+    except MapError:
+        return _after(config, ground, hard, route, height)
+
+
+def stop_limits(config: RunConfig) -> tuple[Limits, Limits]:
+    """Limits of a stop: those of every reference, and nearly all that the controller's plans may use."""
+    mpc = config.mpc
+    push = _OF_THE_PLANS * min(mpc.acceleration_mps2, _GRAVITY_MPS2 * float(np.tan(np.radians(mpc.tilt_deg))))
+    return limits_of(config.planner), Limits(
+        mpc.speed_mps, push, _OF_THE_PLANS * mpc.jerk_mps3, _OF_THE_PLANS * mpc.snap_mps4
+    )
+
+
+def _after(config: RunConfig, ground: Ground, stop: Array, route: Array, height: float) -> tuple[Reference, Corridor]:
+    """Along `stop` (n, 3) to rest, and from there along the route."""
     onward = fly_route(config, ground, _joined(ground, stop[-1, :2], route))
+    dt = 1.0 / config.mpc.rate_hz
     return _in_corridor(config, ground, np.concatenate([stop, _level(onward.sampled(dt)[1:], height)]))
 
 

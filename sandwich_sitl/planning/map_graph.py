@@ -1,9 +1,10 @@
-"""The mapped grid as a graph: 8 neighbours inside a channel, channels joined where their dividing streamline is free.
+"""The mapped grid as a graph, its channels joined where their dividing streamline is free.
 
-Source: paper, section IV; notes N10. The two sides of an obstacle wall are different nodes and get no link, which is
-the paper's ban on crossing barred nodes; tips belong to both channels. In a bay the corners of a quad are linked, and
-its lid nodes are the wall nodes of the channels beside it. Cells are convex, so every edge and diagonal stays in free
-ground.
+Source: paper, section IV; notes N10. The corners of a cell are linked, in a channel hence the eight neighbours in the
+planning space; the paper leaves open which they are, and where these eight leave wide gaps between their directions in
+motion space, what is seen there is linked too (`sight`). The two sides of an obstacle wall are different nodes and no
+link leads across, which is the paper's ban on crossing barred nodes; tips belong to both channels. A bay's lid nodes
+are the wall nodes of the channels beside it. Cells are convex, so every link stays in free ground.
 
 A place (b, i, j) names node (i, j) of channel b, or, from b = number of channels on, node i of a bay (j = 0).
 """
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.planning.cell_index import CellIndex, rows_of
 from sandwich_sitl.planning.search import Graph, Links, distances_to
+from sandwich_sitl.planning.sight import across_sides, linked_pairs, seen_from
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +31,8 @@ class MapGraph:
 
     `node[b][i, j]` is the number of node (i, j) of channel or bay b, `place` (N, 3) a (b, i, j) of each node. Cells
     have the corner nodes `quads` (C, 4), counter-clockwise, and `cell_place` (C, 3): (channel, i, j) of the lowest
-    corner, or (channels + bay, quad, 0).
+    corner, or (channels + bay, quad, 0). `around` are compressed rows (first, cells) of the cells at each node,
+    `across` (C, 4) for each side of a cell 4 * cell + side of the cell that shares it, -1 where there is none.
     """
 
     graph: Graph
@@ -37,17 +40,13 @@ class MapGraph:
     place: Ints
     quads: Ints
     cell_place: Ints
+    around: tuple[Ints, Ints]
+    across: NDArray[np.int32]
 
     @cached_property
     def cells(self) -> CellIndex:
         """Spatial index of the cells."""
         return CellIndex.of(self.graph.xy_m[self.quads])
-
-    @cached_property
-    def around(self) -> tuple[Ints, Ints]:
-        """Compressed rows: the cells `around[first[n] : first[n + 1]]` have node n as a corner; (first, around)."""
-        first, cells = rows_of(self.quads, len(self.graph.xy_m))
-        return first, cells
 
 
 def build_map_graph(channel_map: ChannelMap) -> MapGraph:
@@ -82,7 +81,10 @@ def build_map_graph(channel_map: ChannelMap) -> MapGraph:
         place[own, 1], place[own, 2] = np.arange(own.shape[0])[:, None], np.arange(own.shape[1])
         xy_m[own] = nodes[b]
     quads, cell_place = _cells(channel_map, numbers)
-    return MapGraph(Graph.from_quads(xy_m, quads), tuple(numbers), place, quads, cell_place)
+    first, cells = rows_of(quads, count)
+    across = across_sides(quads, first, cells)
+    graph = Graph.from_edges(xy_m, linked_pairs(xy_m, quads, across))
+    return MapGraph(graph, tuple(numbers), place, quads, cell_place, (first, cells), across)
 
 
 def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
@@ -104,9 +106,10 @@ def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
 
 
 def links(map_graph: MapGraph, point: Array) -> Links:
-    """Links from a point (2,) to the corners of every cell that holds it; empty when it lies on no cell."""
-    nodes = np.unique(map_graph.quads[map_graph.cells.holding(point)])
-    lengths = np.hypot(*(map_graph.graph.xy_m[nodes] - point).T)
+    """Links from a point (2,) to nodes that it sees, corners of its cells among them; empty when it lies on no cell."""
+    xy_m, cells = map_graph.graph.xy_m, map_graph.cells.holding(point)
+    nodes = seen_from(xy_m, map_graph.quads, map_graph.across, cells, float(point[0]), float(point[1]))
+    lengths = np.hypot(*(xy_m[nodes] - point).T)
     return list(zip(nodes.tolist(), lengths.tolist(), strict=True))
 
 

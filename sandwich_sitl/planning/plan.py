@@ -1,10 +1,11 @@
 """`plan_flight`: world and configuration in, `FlightPlan` out (paper, sections III and IV).
 
-grow -> channel map -> A* route, pulled tight -> time law -> reference and corridor, with the two baselines beside it
+grow -> channel map -> A* route, pulled tight -> time law -> reference and corridor, with the two baselines beside it;
+with several floors all up to the route for each of them, and the rest for the cheapest
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import shapely
@@ -16,16 +17,17 @@ from sandwich_sitl.channels.check import check_map
 from sandwich_sitl.channels.map_file import map_key
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.errors import InputError, MapError, NoRouteError
-from sandwich_sitl.planning.baselines import grid_astar, path_length
+from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, FlightPlan, Reference
-from sandwich_sitl.planning.free_space import FreeSpace
+from sandwich_sitl.planning.floor_reference import floor_reference
+from sandwich_sitl.planning.floor_routes import FloorRoute, baselines_of, cheapest, floor_plan, mapped_floors
+from sandwich_sitl.planning.floors import Floor, check_ground, route_floors
 from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph
 from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.proof import prove_corridor
 from sandwich_sitl.planning.reference import ground_of, paper_reference, timed_reference
 from sandwich_sitl.planning.routes import Route, find_route, shortened
-from sandwich_sitl.planning.shortest import shortest_path
-from sandwich_sitl.world.grow import GrownWorld, grow
+from sandwich_sitl.world.grow import GrownWorld
 from sandwich_sitl.world.world import World
 
 Array = NDArray[np.float64]
@@ -55,25 +57,25 @@ def plan_flight(
     planner = config.planner
     on_stage("grow obstacles")
     check_size(config, world)
-    detail = min(_DETAIL * planner.cell_m, _DETAIL * planner.margin_m)
-    grown = grow(world, planner.vehicle_radius_m + planner.margin_m, detail)
-    check_ends(config, grown)
+    floors = route_floors(config, world, min(_DETAIL * planner.cell_m, _DETAIL * planner.margin_m))
+    if planner.floors_m:
+        check_ground(config, world)
     on_stage("channel map")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
-    channel_map, map_graph, sandwich = _map_and_route(config, grown, maps, start, goal)
+    mapped, refused = mapped_floors(floors, lambda floor: _map_and_route(config, floor.grown, maps, start, goal))
     on_stage("route")
-    mesh = build_nav_mesh(grown)
-    kind = "sandwich" if config.mode == "paper" else planner.route
-    tight = None if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind)
-    route_m = sandwich.points_m if tight is None else tight.points_m
+    kind: Literal["sandwich", "tight", "exact"] = "sandwich" if config.mode == "paper" else planner.route
+    routes = [_shortened(floor, *on_floor, kind) for floor, on_floor in mapped]
+    flown = cheapest(config, routes)
+    best = routes[flown]
     on_stage("baselines")
-    free = FreeSpace(grown.rings_m(), grown.bounds_m)
-    regular = grid_astar(free, len(map_graph.graph.xy_m), start, goal)
-    exact = shortest_path(mesh, start, goal, route_m)
+    compared = [baselines_of(route, start, goal) for route in routes]
     on_stage("reference and corridor")
-    reference, corridor, flight = _reference(config, channel_map, route_m, world)
+    reference, corridor, flight = _reference(config, best, world)
     obstacles_m = tuple(_ring(o.polygon) for o in world.obstacles)
-    proof = prove_corridor(reference, corridor, obstacles_m, planner.vehicle_radius_m, config.mpc.step_s)
+    heights = np.array([np.nan if o.height_m is None else o.height_m for o in world.obstacles], dtype=float)
+    tops = np.where(np.isfinite(heights) & bool(planner.floors_m), heights, np.inf)
+    proof = prove_corridor(reference, corridor, obstacles_m, planner.vehicle_radius_m, config.mpc.step_s, tops)
     if config.mode == "timed" and not proof.proven:
         raise MapError(f"corridor: {proof.problem}; this plan must not be flown")
     return FlightPlan(
@@ -85,31 +87,43 @@ def plan_flight(
         vehicle_radius_m=planner.vehicle_radius_m,
         obstacle_names=tuple(o.name for o in world.obstacles),
         obstacles_m=obstacles_m,
-        obstacle_heights_m=np.array(
-            [np.nan if o.height_m is None else o.height_m for o in world.obstacles], dtype=float
-        ),
-        grown_m=grown.rings_m(),
-        channel_map=channel_map,
-        sandwich_m=sandwich.points_m,
-        sandwich_phi_psi=_planning_space(channel_map, sandwich.places),
-        grid_astar_m=np.empty((0, 2)) if regular is None else regular,
-        exact_m=np.empty((0, 2)) if exact is None else exact.points_m,
+        obstacle_heights_m=heights,
+        grown_m=best.floor.grown.rings_m(),
+        channel_map=best.channel_map,
+        sandwich_m=best.sandwich.points_m,
+        sandwich_phi_psi=_planning_space(best.channel_map, best.sandwich.places),
+        grid_astar_m=compared[flown].grid_astar_m,
+        exact_m=compared[flown].exact_m,
         reference=reference,
         corridor=corridor,
         route_kind=kind,
-        route_proven=tight is not None and tight.proven,
-        tight_m=np.empty((0, 2)) if tight is None else tight.points_m,
+        route_proven=best.tight is not None and best.tight.proven,
+        tight_m=np.empty((0, 2)) if best.tight is None else best.tight.points_m,
         proof=proof,
         flight=flight,
+        floors=floor_plan(config, routes, compared, refused, reference) if planner.floors_m else None,
     )
 
 
-def _reference(
-    config: RunConfig, channel_map: ChannelMap, route_m: Array, world: World
-) -> tuple[Reference, Corridor, FlightFigures | None]:
+def _shortened(
+    floor: Floor,
+    channel_map: ChannelMap,
+    map_graph: MapGraph,
+    sandwich: Route,
+    kind: Literal["sandwich", "tight", "exact"],
+) -> FloorRoute:
+    mesh = build_nav_mesh(floor.grown)
+    tight = None if kind == "sandwich" else shortened(map_graph, mesh, sandwich, kind)
+    return FloorRoute(floor, channel_map, map_graph, sandwich, mesh, tight)
+
+
+def _reference(config: RunConfig, route: FloorRoute, world: World) -> tuple[Reference, Corridor, FlightFigures | None]:
     if config.mode == "paper":
-        return *paper_reference(config, channel_map, route_m), None
-    return timed_reference(config, ground_of(config, channel_map, [o.polygon for o in world.obstacles]), route_m)
+        return *paper_reference(config, route.channel_map, route.route_m), None
+    ground = ground_of(config, route.channel_map, [o.polygon for o in route.floor.world.obstacles])
+    if config.planner.floors_m:
+        return floor_reference(config, ground, route.floor, world, route.route_m)
+    return timed_reference(config, ground, route.route_m)
 
 
 def _ring(polygon: shapely.Polygon) -> Array:
@@ -121,8 +135,10 @@ def _map_and_route(
 ) -> tuple[ChannelMap, MapGraph, Route]:
     """The checked map along the configured flow and its A* route; on `auto` of the flow whose route is shorter.
 
-    A map with channels goes before one without. Raises what the search raised when it finds no route on any map.
+    A map with channels goes before one without. Raises what the search raised when it finds no route on any map, and
+    `InputError` when start or goal is not free.
     """
+    check_ends(config, grown)
     flows: tuple[Flow, ...] = ("x", "y") if config.planner.flow == "auto" else (config.planner.flow,)
     found: list[tuple[ChannelMap, MapGraph, Route]] = []
     refused: list[InputError | NoRouteError] = []

@@ -29,7 +29,7 @@ from sandwich_sitl.planning.time_law import Limits, climb, fly, least_duration_s
 
 Array = NDArray[np.float64]
 
-_KEPT_MARGIN = 0.8  # of the margin: what smoothing leaves between the curve and the radius-grown obstacles
+KEPT_MARGIN = 0.8  # of the margin: what smoothing leaves between the curve and the radius-grown obstacles
 _CLIMB = Limits(1.5, 0.35, 0.25, 0.2)  # leaving the ground asks for more patience than flying
 _NEARER = 0.9  # of the route's own least clearance: the curve needs some of it
 _CAP_M = 0.05  # spacing of the speeds that clearances allow
@@ -63,7 +63,7 @@ def timed_reference(config: RunConfig, ground: Ground, route_m: Array) -> tuple[
     cap = speed_cap(curve, ground.outlines, limits, config.mpc.step_s)
     timed = fly(curve, limits, cap)
     assert timed is not None, "from rest there is always a law"
-    up = climb(config.altitude_m, climb_limits(limits), dt)
+    up = climb(config.altitude_m, climb_limits(config.planner), dt)
     xy = timed.sampled(dt)
     xyz = np.concatenate([
         np.column_stack([np.tile(xy[0], (len(up) - 1, 1)), up[:-1]]),
@@ -83,24 +83,32 @@ def route_curve(config: RunConfig, ground: Ground, route_m: Array, departure: De
     bending = planner.speed_mps**2 / planner.acceleration_mps2 / 1.5
     route = without_repeats(route_m)
     # In flight a route begins where the vehicle is, which may be nearer to an obstacle than a route from rest may be.
-    kept = min(_KEPT_MARGIN * planner.margin_m, _NEARER * ground.outlines.distance_m(route))
+    kept = min(KEPT_MARGIN * planner.margin_m, _NEARER * ground.outlines.distance_m(route))
     return smooth_route(route, ground.outlines, ground.channel_map.bounds_m, kept, bending, departure)
 
 
-def speed_cap(curve: BSpline, outlines: Outlines, limits: Limits, interval_s: float) -> Array:
-    """Speeds, evenly spread over the curve's parameter, at which the corridor's bound fits into the clearance."""
+def even_parameters(curve: BSpline) -> Array:
+    """Even parameters over a curve, close enough for speeds that clearances allow."""
     end = float(curve.t[-1])
-    points = np.asarray(curve(np.linspace(0.0, end, max(2, int(np.ceil(end / _CAP_M)) + 1))))
+    return np.linspace(0.0, end, max(2, int(np.ceil(end / _CAP_M)) + 1))
+
+
+def speed_cap(
+    curve: BSpline, outlines: Outlines, limits: Limits, interval_s: float, above_m: Array | None = None
+) -> Array:
+    """Speeds at `even_parameters` at which the corridor's bound fits into the clearance from tops above `above_m`."""
+    points = np.asarray(curve(even_parameters(curve)))[:, :2]
     matters = 2 * float(between_samples_m(np.array(limits.speed_mps), interval_s))
-    cap = safe_speed_mps(outlines.clearance(points, matters), interval_s)
+    cap = safe_speed_mps(outlines.clearance(points, matters, above_m), interval_s)
     if cap.min() <= 0.0:
         x, y = points[int(np.argmin(cap))]
         raise MapError(f"route: no speed is safe at ({x:.2f}, {y:.2f}); raise planner.margin_m or reduce mpc.step_s")
     return cap
 
 
-def climb_limits(limits: Limits) -> Limits:
+def climb_limits(planner: PlannerConfig) -> Limits:
     """The limits on the way up: gentle ones, or the configured where those are lower."""
+    limits = dataclasses.replace(limits_of(planner), speed_mps=min(planner.speed_mps, planner.climb_mps))
     lower = (min(a, b) for a, b in zip(dataclasses.astuple(_CLIMB), dataclasses.astuple(limits), strict=True))
     return Limits(*lower)
 
@@ -120,7 +128,7 @@ def _length(path: Array) -> float:
 def paper_reference(config: RunConfig, channel_map: ChannelMap, route_m: Array) -> tuple[Reference, Corridor]:
     """One route node a step of `mpc.step_s`, the paper's raw quadrangles (notes N12)."""
     step, dt = config.mpc.step_s, 1.0 / config.mpc.rate_hz
-    up = climb(config.altitude_m, climb_limits(limits_of(config.planner)), dt)
+    up = climb(config.altitude_m, climb_limits(config.planner), dt)
     nodes_t = np.arange(len(route_m)) * step
     along = np.arange(0.0, nodes_t[-1] + dt, dt)
     xy = np.column_stack([np.interp(along, nodes_t, route_m[:, axis]) for axis in range(2)])

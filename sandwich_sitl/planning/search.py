@@ -13,6 +13,7 @@ State: `xy_m` (N, 2), rows of neighbours in compressed form, lengths in metres.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Links = list[tuple[int, float]]  # (node, length)
 
-_BUCKETS_PER_EDGE = 8  # of mean length
+_BUCKETS_PER_EDGE = 64  # of mean length; with wider ones most nodes are taken up again and again
 _MOST_BUCKETS = 200_000
 
 
@@ -36,20 +37,10 @@ class Graph:
     length_m: Array
 
     @classmethod
-    def from_edges(cls, xy: Array, edges: Ints) -> "Graph":
-        """Undirected graph from edges (E, 2); doubled edges are kept once."""
-        n = max(len(xy), 1)
-        key = np.unique(edges.min(axis=1) * n + edges.max(axis=1))
-        low, high = key // n, key % n
-        both = np.sort(np.concatenate([key, high * n + low]))
-        first = np.searchsorted(both, np.arange(len(xy) + 1) * n)
-        a, b = both // n, both % n
-        return cls(xy, first.astype(np.int64), b.astype(np.int32), np.hypot(*(xy[a] - xy[b]).T))
-
-    @classmethod
-    def from_quads(cls, xy: Array, quads: Ints) -> "Graph":
-        """The graph whose edges are the sides and diagonals of quads (Q, 4)."""
-        first, neighbour, length = _quad_rows(np.ascontiguousarray(xy), np.ascontiguousarray(quads))
+    def from_edges(cls, xy: Array, edges: NDArray[np.integer[Any]]) -> "Graph":
+        """Undirected graph from edges (E, 2); doubled edges are kept once, loops left out."""
+        pairs = np.ascontiguousarray(edges, dtype=np.int32)
+        first, neighbour, length = _rows(np.ascontiguousarray(xy, dtype=np.float64), pairs)
         return cls(xy, first, neighbour, length)
 
     @cached_property
@@ -255,39 +246,38 @@ def _reached(first: Ints, neighbour: NDArray[np.int32], sources: Ints) -> NDArra
 
 
 @njit(cache=True, nogil=True)
-def _quad_rows(xy: Array, quads: Ints) -> tuple[Ints, NDArray[np.int32], Array]:
-    """Compressed rows of the neighbours over sides and diagonals, each once."""
+def _rows(xy: Array, pairs: NDArray[np.int32]) -> tuple[Ints, NDArray[np.int32], Array]:
+    """Compressed rows of neighbours and lengths: pairs sorted by their lower node and turned round, doubled ones and loops left out."""
     n = len(xy)
-    room = np.zeros(n + 1, dtype=np.int64)
-    for q in range(len(quads)):
-        for v in range(4):
-            room[quads[q, v] + 1] += 3
+    begin = np.zeros(n + 1, dtype=np.int64)
+    for e in range(len(pairs)):
+        begin[min(pairs[e, 0], pairs[e, 1]) + 1] += 1
     for node in range(n):
-        room[node + 1] += room[node]
-    row = np.empty(room[n], dtype=np.int32)
-    filled = np.zeros(n, dtype=np.int64)
-    for q in range(len(quads)):
-        for v in range(4):
-            node = quads[q, v]
-            start = room[node]
-            for step in range(1, 4):
-                other = quads[q, (v + step) % 4]
-                end = start + filled[node]
-                k = start
-                while k < end and row[k] != other:
-                    k += 1
-                if k == end:
-                    row[k] = other
-                    filled[node] += 1
+        begin[node + 1] += begin[node]
+    higher = np.empty(len(pairs), dtype=np.int32)
+    kept = np.zeros(n, dtype=np.int64)
     first = np.zeros(n + 1, dtype=np.int64)
+    for e in range(len(pairs)):
+        low, high = min(pairs[e, 0], pairs[e, 1]), max(pairs[e, 0], pairs[e, 1])
+        k, end = begin[low], begin[low] + kept[low]
+        while k < end and higher[k] != high:
+            k += 1
+        if k == end and low != high:
+            higher[k] = high
+            kept[low] += 1
+            first[low + 1] += 1
+            first[high + 1] += 1
     for node in range(n):
-        first[node + 1] = first[node] + filled[node]
-    neighbour = np.empty(first[n], dtype=np.int32)
-    length = np.empty(first[n])
-    for node in range(n):
-        for k in range(filled[node]):
-            other = row[room[node] + k]
-            neighbour[first[node] + k] = other
-            d_x, d_y = xy[node, 0] - xy[other, 0], xy[node, 1] - xy[other, 1]
-            length[first[node] + k] = np.sqrt(d_x * d_x + d_y * d_y)
+        first[node + 1] += first[node]
+    neighbour, length = np.empty(first[n], dtype=np.int32), np.empty(first[n])
+    filled = first[:-1].copy()
+    for low in range(n):
+        for k in range(begin[low], begin[low] + kept[low]):
+            high = higher[k]
+            d_x, d_y = xy[low, 0] - xy[high, 0], xy[low, 1] - xy[high, 1]
+            d = np.sqrt(d_x * d_x + d_y * d_y)
+            neighbour[filled[low]], length[filled[low]] = high, d
+            neighbour[filled[high]], length[filled[high]] = low, d
+            filled[low] += 1
+            filled[high] += 1
     return first, neighbour, length

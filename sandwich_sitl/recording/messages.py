@@ -6,6 +6,7 @@ keeps one message of each kind and overwrites it, which makes a tick's three pay
 building them anew.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +17,14 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from numpy.typing import NDArray
 
-from sandwich_sitl.recording.proto.sandwich_telemetry_pb2 import ControlTelemetry, MissionState
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
+from sandwich_sitl.recording import records
+from sandwich_sitl.recording.proto.sandwich_telemetry_pb2 import (
+    ControlTelemetry,
+    MissionState,
+    PlanUpdate,
+    ReportedObstacle,
+)
 from sandwich_sitl.recording.records import ControlRecord, MissionRecord, Vector
 
 MAP_FRAME = "map"
@@ -134,6 +142,75 @@ def mission_state(t_ns: int, record: MissionRecord) -> bytes:
     )
     set_timestamp(message, t_ns)
     return message.SerializeToString()
+
+
+def plan_update(t_ns: int, record: records.PlanUpdate) -> bytes:
+    """`PlanUpdate` bytes."""
+    t_s = record.reference.t_s
+    message = PlanUpdate(
+        verdict=record.verdict,
+        reason=record.reason,
+        heard_s=record.heard_s,
+        from_s=float(t_s[0]),
+        period_s=float(t_s[1] - t_s[0]) if len(t_s) > 1 else 0.0,
+        route_m=record.route_m.ravel().tolist(),
+        reference_m=record.reference.xyz_m.ravel().tolist(),
+        region=record.reference.region.tolist(),
+        first_region=record.first_region,
+    )
+    set_timestamp(message, t_ns)
+    corridor = record.corridor
+    for ring, Lambda, Gamma in zip(corridor.polygons_m, corridor.Lambda, corridor.Gamma, strict=True):
+        planes = np.column_stack([Lambda, Gamma])
+        message.regions.add(ring_m=ring.ravel().tolist(), half_planes=planes.ravel().tolist())
+    return message.SerializeToString()
+
+
+def plan_update_of(t_ns: int, message: Any) -> records.PlanUpdate:
+    """The record that a `PlanUpdate` message was made of; the paper's quadrangles are not in it."""
+    xyz = _points(message.reference_m, 3)
+    t_s = message.from_s + message.period_s * np.arange(len(xyz), dtype=np.float64)
+    planes = np.array([region.half_planes for region in message.regions], dtype=np.float64)
+    planes = planes.reshape(len(message.regions), -1, 3)
+    return records.PlanUpdate(
+        t_s=t_ns / 1e9,
+        heard_s=message.heard_s,
+        verdict=message.verdict,
+        reason=message.reason,
+        route_m=_points(message.route_m),
+        reference=Reference(t_s, xyz, np.array(message.region, dtype=np.int64)),
+        first_region=message.first_region,
+        corridor=Corridor(
+            planes[..., :2],
+            planes[..., 2],
+            tuple(_points(region.ring_m) for region in message.regions),
+            np.empty((0, 4, 2)),
+        ),
+    )
+
+
+def reported_obstacle(t_ns: int, record: records.ReportedObstacle) -> bytes:
+    """`ReportedObstacle` bytes."""
+    message = ReportedObstacle(
+        name=record.name,
+        source=record.source,
+        heard_s=record.heard_s,
+        height_m=math.nan if record.height_m is None else record.height_m,
+        ring_m=record.ring_m.ravel().tolist(),
+    )
+    set_timestamp(message, t_ns)
+    return message.SerializeToString()
+
+
+def reported_obstacle_of(t_ns: int, message: Any) -> records.ReportedObstacle:
+    """The record that a `ReportedObstacle` message was made of."""
+    height_m = None if math.isnan(message.height_m) else message.height_m
+    ring = _points(message.ring_m)
+    return records.ReportedObstacle(t_ns / 1e9, message.name, message.source, message.heard_s, height_m, ring)
+
+
+def _points(flat: Sequence[float], columns: int = 2) -> NDArray[np.float64]:
+    return np.array(flat, dtype=np.float64).reshape(-1, columns)
 
 
 def log_line(t_ns: int, level: str, text: str, name: str) -> bytes:

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.channels.map_arrays import map_from_arrays, map_to_arrays
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.planning.flight_plan import Corridor, CorridorProof, FlightFigures, FlightPlan, Reference
+from sandwich_sitl.planning.flight_plan import (
+    Corridor,
+    CorridorProof,
+    FlightFigures,
+    FlightPlan,
+    FloorFigures,
+    FloorPlan,
+    Reference,
+)
 
 FORMAT = "sandwich-plan-3"
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -34,7 +42,7 @@ def plan_bytes(plan: FlightPlan) -> bytes:
     arrays["tight_m"] = plan.tight_m
     arrays |= {f"map_{name}": array for name, array in map_arrays.items()}
     arrays |= {f"reference_{f.name}": getattr(plan.reference, f.name) for f in dataclasses.fields(Reference)}
-    arrays |= {f"corridor_{name}": getattr(plan.corridor, name) for name in ("Lambda", "Gamma", "neighbours_m")}
+    arrays |= {f"corridor_{name}": getattr(plan.corridor, name) for name in ("Lambda", "Gamma", "neighbours_m", "z_m")}
     for name, rings in _ring_groups(plan).items():
         arrays[f"{name}_points"], arrays[f"{name}_lengths"] = _join(rings)
     buffer = io.BytesIO()
@@ -87,6 +95,7 @@ def _header(plan: FlightPlan) -> dict[str, Any]:
         "route_proven": plan.route_proven,
         "proof": plan.proof and dataclasses.asdict(plan.proof),
         "flight": plan.flight and dataclasses.asdict(plan.flight),
+        "floors": plan.floors and dataclasses.asdict(plan.floors),
     }
 
 
@@ -116,15 +125,27 @@ def _plan(arrays: dict[str, NDArray[Any]]) -> FlightPlan:
             Gamma=arrays["corridor_Gamma"],
             polygons_m=_split(arrays, "corridor_polygons"),
             neighbours_m=arrays["corridor_neighbours_m"],
+            z_m=arrays.get("corridor_z_m", np.empty((0, 2))),
         ),
         proof=CorridorProof(**header["proof"]) if header["proof"] else None,
         flight=FlightFigures(**header["flight"]) if header["flight"] else None,
+        floors=_floors(header.get("floors")),
         seconds={},
         route_kind=header.get("route_kind", "sandwich"),
         route_proven=bool(header.get("route_proven", False)),
         tight_m=arrays.get("tight_m", np.empty((0, 2))),
-        **{name: arrays[name] for name in _PLAN_ARRAYS},
+        obstacle_heights_m=arrays["obstacle_heights_m"],
+        sandwich_m=arrays["sandwich_m"],
+        sandwich_phi_psi=arrays["sandwich_phi_psi"],
+        grid_astar_m=arrays["grid_astar_m"],
+        exact_m=arrays["exact_m"],
     )
+
+
+def _floors(data: dict[str, Any] | None) -> FloorPlan | None:
+    if data is None:
+        return None
+    return FloorPlan(**(data | {"figures": tuple(FloorFigures(**floor) for floor in data["figures"])}))
 
 
 def _join(rings: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

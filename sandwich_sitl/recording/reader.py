@@ -22,8 +22,16 @@ from numpy.typing import NDArray
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.container import RawLog, read_raw
-from sandwich_sitl.recording.messages import INTEGER_FIELDS, SCALAR_FIELDS, VECTOR_FIELDS, component_names
+from sandwich_sitl.recording.messages import (
+    INTEGER_FIELDS,
+    SCALAR_FIELDS,
+    VECTOR_FIELDS,
+    component_names,
+    plan_update_of,
+    reported_obstacle_of,
+)
 from sandwich_sitl.recording.plan_file import plan_from_bytes
+from sandwich_sitl.recording.records import PlanUpdate, ReportedObstacle
 from sandwich_sitl.recording.topics import MESSAGE_KINDS, PLAN_ATTACHMENT
 from sandwich_sitl.recording.tracks import ControlTrack, Frame, LogLine, MissionTrack, PoseTrack, WallTimings
 
@@ -48,6 +56,8 @@ class RunLog:
     truth: PoseTrack
     estimate: PoseTrack
     horizon: tuple[tuple[float, Array], ...]  # time, points (N, 3)
+    updates: tuple[PlanUpdate, ...]  # plans that took the place of the one before, in order
+    reported: tuple[ReportedObstacle, ...]  # obstacles heard of in flight, in order
     lines: tuple[LogLine, ...]
     frames: tuple[Frame, ...]
     timings: WallTimings
@@ -75,6 +85,8 @@ class RunLog:
             truth=_pose_track(topics.get(TRUTH_TOPIC, [])),
             estimate=_pose_track(topics.get("/state/estimate", [])),
             horizon=tuple((t_ns / 1e9, _points(message)) for t_ns, message in topics.get("/plan/horizon", [])),
+            updates=tuple(plan_update_of(t_ns, message) for t_ns, message in topics.get("/plan/update", [])),
+            reported=tuple(reported_obstacle_of(t_ns, message) for t_ns, message in topics.get("/obstacles", [])),
             lines=_lines(topics),
             frames=_frames(raw),
             timings=_timings(raw),

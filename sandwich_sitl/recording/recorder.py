@@ -27,7 +27,14 @@ from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording import messages
 from sandwich_sitl.recording.plan_file import plan_bytes
-from sandwich_sitl.recording.records import ControlRecord, MissionRecord, TickTiming, Vector
+from sandwich_sitl.recording.records import (
+    ControlRecord,
+    MissionRecord,
+    PlanUpdate,
+    ReportedObstacle,
+    TickTiming,
+    Vector,
+)
 from sandwich_sitl.recording.scene import map_update, scene_update
 from sandwich_sitl.recording.streams import DebugStreams
 from sandwich_sitl.recording.topics import MAVLINK_TOPICS, PLAN_ATTACHMENT, PLAN_TOPIC, PROTOBUF_TOPICS
@@ -85,8 +92,7 @@ class RunRecorder:
         if self._streams is not None:
             self._streams.put(PLAN_TOPIC, data)
         self.metadata("plan", {"name": plan.name, "seconds": plan.seconds})
-        altitude_m = np.full(len(plan.route_m), plan.altitude_m)
-        self._write("/plan/path", t_ns, messages.poses(t_ns, np.column_stack([plan.route_m, altitude_m])))
+        self._write("/plan/path", t_ns, messages.poses(t_ns, plan.path_m))
         self._write("/plan/map", t_ns, map_update(plan, t_ns))
         self._write("/scene", t_ns, scene_update(plan, t_ns))
 
@@ -113,6 +119,18 @@ class RunRecorder:
         """A change of the mission's state."""
         t_ns = messages.nanoseconds(t_s)
         self._write("/mission/state", t_ns, messages.mission_state(t_ns, record))
+
+    def obstacle(self, record: ReportedObstacle) -> None:
+        """An obstacle that was heard of in flight: `/obstacles`."""
+        t_ns = messages.nanoseconds(record.t_s)
+        self._write("/obstacles", t_ns, messages.reported_obstacle(t_ns, record))
+
+    def plan_update(self, record: PlanUpdate, altitude_m: float) -> None:
+        """A plan that took the place of the one before: `/plan/update`, and its route on `/plan/path`."""
+        t_ns = messages.nanoseconds(record.t_s)
+        self._write("/plan/update", t_ns, messages.plan_update(t_ns, record))
+        route = np.column_stack([record.route_m, np.full(len(record.route_m), altitude_m)])
+        self._write("/plan/path", t_ns, messages.poses(t_ns, route))
 
     def log(self, t_s: float, level: str, message: str) -> None:
         """One line of text; `level` is debug, info, warning, error or fatal."""

@@ -6,9 +6,16 @@ times live only in `TickTiming`, which goes into metadata, so that equal seeds g
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+
+from sandwich_sitl.mission.reports import ObstacleReport
+from sandwich_sitl.mission.rerouting import Adopted
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
+from sandwich_sitl.planning.replan import change_over
 
 Vector = Sequence[float] | NDArray[np.float64]  # three components: east, north, up
 
@@ -49,6 +56,57 @@ class MissionRecord:
     armed: bool
     landed: bool
     reason: str = ""
+
+
+@dataclass(frozen=True)
+class ReportedObstacle:
+    """An obstacle that was heard of in flight: ring (V, 2) without closing point, height None when unknown."""
+
+    t_s: float
+    name: str
+    source: str  # message or sensor
+    heard_s: float
+    height_m: float | None
+    ring_m: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, t_s: float, report: ObstacleReport) -> Self:
+        """What the log keeps of a report that was taken in at `t_s`."""
+        obstacle = report.obstacle
+        ring = shapely.get_coordinates(obstacle.polygon.exterior)[:-1]
+        return cls(t_s, obstacle.name, str(report.source), report.heard_s, obstacle.height_m, ring)
+
+
+@dataclass(frozen=True)
+class PlanUpdate:
+    """A plan that took the place of the one before at `t_s`, for an obstacle that was heard of at `heard_s`.
+
+    `reference` are its samples from where it leaves the old one, at its time `reference.t_s[0]`; `corridor` the regions
+    that it adds, the first of which has the number `first_region`.
+    """
+
+    t_s: float
+    heard_s: float
+    verdict: str  # route or stop
+    reason: str
+    route_m: NDArray[np.float64]
+    reference: Reference
+    first_region: int
+    corridor: Corridor
+
+    @classmethod
+    def of(cls, adopted: Adopted) -> Self:
+        """What the log keeps of a plan that was adopted."""
+        replan = adopted.replan
+        k = change_over(replan.reference, adopted.from_s)
+        whole, corridor = replan.reference, replan.corridor
+        reference = Reference(whole.t_s[k:], whole.xyz_m[k:], whole.region[k:])
+        first = int(reference.region.min())
+        added = Corridor(
+            corridor.Lambda[first:], corridor.Gamma[first:], corridor.polygons_m[first:], corridor.neighbours_m[first:]
+        )
+        verdict = str(replan.verdict)
+        return cls(adopted.t_s, adopted.heard_s, verdict, replan.why, replan.route_m, reference, first, added)
 
 
 @dataclass(frozen=True)

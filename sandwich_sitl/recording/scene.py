@@ -1,7 +1,8 @@
 """The plan as `foxglove.SceneUpdate` messages: `/scene` (obstacles) and `/plan/map` (streamlines, grid, regions).
 
 State: none. Input: a `FlightPlan`, ENU metres. Obstacles are prisms from the ground to their height; where the height
-is unknown they rise to `UNKNOWN_HEIGHT_FACTOR` times the flight altitude. Map lines lie at the flight altitude.
+is unknown they rise to `UNKNOWN_HEIGHT_FACTOR` times the flight altitude. Map lines lie at the flight altitude, with
+floors at that of the floor the map belongs to; regions that have altitudes are drawn at both, with their edges.
 """
 
 from collections.abc import Iterator
@@ -43,7 +44,7 @@ def scene_update(plan: FlightPlan, t_ns: int) -> bytes:
     if plan.grown_m:
         entity = _entity(update, "grown", t_ns)
         for ring in plan.grown_m:
-            _line(entity, ring, 0.05, _GROWN, closed=True)
+            _line(entity, lift(ring, 0.05), _GROWN, closed=True)
     return update.SerializeToString()
 
 
@@ -53,18 +54,35 @@ def map_update(plan: FlightPlan, t_ns: int) -> bytes:
     groups = (
         ("dividing_streamlines", dividing_streamlines(plan.channel_map), _STREAMLINE, False),
         ("grid", grid_lines(plan.channel_map, GRID_LINES) + bay_lines(plan.channel_map), _GRID, False),
-        ("regions", plan.corridor.polygons_m, _REGION, True),
     )
     for name, lines, colour, closed in groups:
         entity = _entity(update, name, t_ns)
         for line in lines:
-            _line(entity, line, plan.altitude_m, colour, closed=closed)
+            _line(entity, lift(line, plan.map_altitude_m), colour, closed=closed)
+    entity = _entity(update, "regions", t_ns)
+    for number, ring in enumerate(plan.corridor.polygons_m):
+        for line in region_lines(ring, plan.altitude_m, plan.corridor.z_m[number : number + 1]):
+            _line(entity, line, _REGION, closed=False)
     return update.SerializeToString()
+
+
+def region_lines(ring: Array, altitude_m: float, z_m: Array) -> list[Array]:
+    """Closed outline (F + 1, 3) of a region at an altitude, or the edges of the prism when it has altitudes (1, 2)."""
+    closed = np.vstack([ring, ring[:1]])
+    if not len(z_m):
+        return [lift(closed, altitude_m)]
+    low, high = (lift(closed, z) for z in z_m[0].tolist())
+    return [low, high, *np.stack([low[:-1], high[:-1]], axis=1)]
+
+
+def lift(xy_m: Array, z_m: float) -> Array:
+    """Points (N, 2) at one height: (N, 3)."""
+    return np.column_stack([xy_m, np.full(len(xy_m), z_m)])
 
 
 def obstacle_heights(plan: FlightPlan) -> list[float]:
     """Height of each obstacle in metres, with a stand-in where it is unknown."""
-    unknown_m = UNKNOWN_HEIGHT_FACTOR * plan.altitude_m
+    unknown_m = UNKNOWN_HEIGHT_FACTOR * plan.map_altitude_m
     heights_m: list[float] = np.where(np.isfinite(plan.obstacle_heights_m), plan.obstacle_heights_m, unknown_m).tolist()
     return heights_m
 
@@ -136,13 +154,13 @@ def _entity(update: SceneUpdate, name: str, t_ns: int) -> SceneEntity:
     return entity
 
 
-def _line(entity: SceneEntity, xy: Array, z_m: float, colour: Rgba, *, closed: bool) -> None:
+def _line(entity: SceneEntity, xyz: Array, colour: Rgba, *, closed: bool) -> None:
     kind = LinePrimitive.LINE_LOOP if closed else LinePrimitive.LINE_STRIP
     line = entity.lines.add(type=kind, thickness=1.5, scale_invariant=True)
     _identity(line)
     _colour(line, colour)
-    for x, y in xy.tolist():
-        line.points.add(x=x, y=y, z=z_m)
+    for x, y, z in xyz.tolist():
+        line.points.add(x=x, y=y, z=z)
 
 
 def _identity(primitive: object) -> None:

@@ -5,10 +5,16 @@ State: one Zenoh session in peer mode, without multicast or gossip scouting, lis
 be opened (no library, occupied port, bad end point) leaves an object whose `put` does nothing and whose `problem`
 says why.
 
+One key is listened to: `topics.obstacle_key`, on which anybody may report an obstacle (`mission.reports`).
+
 Keys: `topics.stream_key`; liveliness token `sitl/{vehicle}/alive/{process}`; queryable `sitl/{vehicle}/params` (JSON).
 """
 
 import json
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,18 +24,35 @@ from sandwich_sitl.recording.topics import (
     MAVLINK_TOPICS,
     PLAN_TOPIC,
     PROTOBUF_TOPICS,
+    obstacle_key,
     stream_encoding,
     stream_key,
 )
+
+_REPORTS_KEPT = 256
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A payload and when it came, `time.monotonic()`."""
+
+    wall_s: float
+    payload: bytes
 
 
 class DebugStreams:
     """Best-effort publisher of every topic. Use `open`; close it after the recorder."""
 
     def __init__(
-        self, session: Any | None, publishers: dict[str, Any], held: tuple[Any, ...], problem: str | None
+        self,
+        session: Any | None,
+        publishers: dict[str, Any],
+        held: tuple[Any, ...],
+        problem: str | None,
+        vehicle_name: str = "",
     ) -> None:
         self._session = session
+        self._vehicle_name = vehicle_name
         self._publishers = publishers
         self._held = held  # tokens and queryables live as long as they are referenced
         self.problem = problem
@@ -48,7 +71,8 @@ class DebugStreams:
         except zenoh.ZError as error:
             return cls._closed(f"debug streams are off: {_first_words(error)}")
         try:
-            return cls(session, _publishers(session, config), _presence(session, config, process, params_json), None)
+            presence = _presence(session, config, process, params_json)
+            return cls(session, _publishers(session, config), presence, None, config.vehicle_name)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
             return cls._closed(f"debug streams are off: {_first_words(error)}")
@@ -75,6 +99,19 @@ class DebugStreams:
         publisher = self._publishers.get(topic)
         if publisher is not None:
             publisher.put(payload)
+
+    def obstacle_reports(self) -> Callable[[], list[Heard]]:
+        """Listen for reports of obstacles; the function hands out what has come since its last call. Empty when closed."""
+        heard: deque[Heard] = deque(maxlen=_REPORTS_KEPT)
+        if self._session is not None:
+            key = obstacle_key(self._vehicle_name)
+            on_sample = lambda sample: heard.append(Heard(time.monotonic(), sample.payload.to_bytes()))  # noqa: E731
+            self._held = (*self._held, self._session.declare_subscriber(key, on_sample))
+
+        def taken() -> list[Heard]:
+            return [heard.popleft() for _ in range(len(heard))]
+
+        return taken
 
     def close(self) -> None:
         """Close the session; a second call does nothing."""

@@ -4,7 +4,9 @@ Input: a `RunLog`. Seconds of the flight are the vehicle's boot time; `wall_seco
 number that the log cannot give (no truth, no plan, killed early) is None.
 
 Definitions. The flight lasts from arming to disarming; `path_flown_m` is the horizontal length of the true path in
-that time and `min_clearance_m` the distance of that continuous path to the obstacles that were not grown. Errors are
+that time and `min_clearance_m` the distance of that continuous path to the obstacles that were not grown: in plan, with
+floors in space, to prisms of their heights, so that what is flown over counts by the air between; and in plan to those
+that appeared in flight, from then on. Errors are
 |truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
 """
 
@@ -14,12 +16,13 @@ from collections import Counter, defaultdict
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.check import examine
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
+from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section, whole_corridor
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.tracks import Frame
 
@@ -46,9 +49,11 @@ def summarise(log: RunLog) -> Section:
         "clock": run.get("clock"),
         "map": _map_section(log.plan),
         "route": _route_section(log.plan),
+        "floors": _floors_section(log.plan),
         "flight": flight,
         "mpc": _mpc_section(log),
         "assurance": _assurance_section(log),
+        "detours": detours_section(log),
         "link": _link_section(log),
     }
 
@@ -67,7 +72,9 @@ def format_summary(summary: Section) -> str:
     head = " ".join(f"{key} {_shown(summary[key])}" for key in ("name", "seed", "clock"))
     reason = f" ({summary['reason']})" if summary["reason"] else ""
     lines = [f"outcome  {summary['outcome']}{reason}", f"run      {head}"]
-    for section in ("map", "route", "flight", "mpc", "assurance", "link"):
+    for section in ("map", "route", "floors", "flight", "mpc", "assurance", "detours", "link"):
+        if section == "floors" and summary[section]["altitude_m"] is None:
+            continue
         items = ", ".join(f"{key} {_shown(value)}" for key, value in summary[section].items())
         lines.append(f"{section:8s} {items}")
     return "\n".join(lines)
@@ -138,18 +145,30 @@ def _route_section(plan: FlightPlan | None) -> Section:
     return route_lengths(plan)
 
 
+def _floors_section(plan: FlightPlan | None) -> Section:
+    """The floor that the route rises to, and the way in space between the floors of start and goal."""
+    keys = ("altitude_m", "length_m", "climbed_m", "descended_m", "changes", "least_headroom_m")
+    if plan is None or plan.floors is None:
+        return dict.fromkeys(keys)
+    floors, headroom_m = plan.floors, plan.proof.least_headroom_m if plan.proof else None
+    values = plan.map_altitude_m, floors.length_m, floors.climbed_m, floors.descended_m, floors.changes, headroom_m
+    return dict(zip(keys, values, strict=True))
+
+
 def _flight_section(log: RunLog) -> Section:
     spans = _spans(log, log.mission.armed.tolist())
-    path_m = log.truth.r_m[_within(log.truth.t_s, spans), :2]
+    flown = _within(log.truth.t_s, spans)
+    path_m = log.truth.r_m[flown]
+    clearances_m = [clearance_m(path_m, log.plan), appeared_clearance_m(log, flown)]
     _, error_m = tracking_error(log)
     wall_text = log.metadata.get("result", {}).get("wall_seconds")
     wall_s = float(wall_text) if wall_text is not None else None
     return {
         "duration_s": sum(end - start for start, end in spans),
-        "path_flown_m": path_length(path_m) if len(path_m) else None,
+        "path_flown_m": path_length(path_m[:, :2]) if len(path_m) else None,
         "rms_error_m": float(np.sqrt(np.mean(error_m**2))) if error_m.size else None,
         "max_error_m": float(error_m.max()) if error_m.size else None,
-        "min_clearance_m": clearance_m(path_m, log.plan),
+        "min_clearance_m": min((metres for metres in clearances_m if metres is not None), default=None),
         "quadrangle_violations": _quadrangle_violations(log),
         "wall_seconds": wall_s,
         "realtime_factor": (log.span_s[1] - log.span_s[0]) / wall_s if wall_s else None,
@@ -157,22 +176,24 @@ def _flight_section(log: RunLog) -> Section:
 
 
 def clearance_m(path_m: Array, plan: FlightPlan | None) -> float | None:
-    """Least distance of the continuous path (N, 2) to the obstacles themselves; 0 when it touches one."""
+    """Least distance of the continuous path (N, 3) to the obstacles themselves; 0 when it touches one."""
     if plan is None or not plan.obstacles_m or len(path_m) == 0:
         return None
-    path = shapely.LineString(path_m) if len(path_m) > 1 else shapely.Point(path_m[0])
-    return float(min(shapely.distance(shapely.Polygon(ring), path) for ring in plan.obstacles_m))
+    return Prisms(plan.obstacles_m, plan.blocking_heights_m).distance_of_path_m(path_m)
 
 
 def _quadrangle_violations(log: RunLog) -> int | None:
     """Control samples while ACTIVE at which the true position lies outside its region."""
     chosen = _within(log.control.t_s, active_spans(log)) & (log.control.region >= 0)
-    if log.plan is None or log.truth.t_s.size == 0:
+    corridor = whole_corridor(log)
+    if corridor is None or log.truth.t_s.size == 0:
         return None
     region = log.control.region[chosen]
-    xy_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)[:, :2]
-    corridor = log.plan.corridor
-    excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], xy_m) - corridor.Gamma[region]
+    r_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)
+    excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], r_m[:, :2]) - corridor.Gamma[region]
+    if len(corridor.z_m):
+        low_m, high_m = corridor.z_m[region].T
+        excess_m = np.column_stack([excess_m, low_m - r_m[:, 2], r_m[:, 2] - high_m])
     return int(np.count_nonzero((excess_m > REGION_TOLERANCE_M).any(axis=1)))
 
 
@@ -193,8 +214,9 @@ def _mpc_section(log: RunLog) -> Section:
 def _assurance_section(log: RunLog) -> Section:
     """Ticks on each rung of the ladder, how often a plan was refused and how often accepted again, faults in ticks."""
     rung = log.control.rung
-    fell = int(np.count_nonzero((rung[1:] > 0) & (rung[:-1] == 0))) if rung.size else 0
-    rose = int(np.count_nonzero((rung[1:] == 0) & (rung[:-1] > 0))) if rung.size else 0
+    before = np.concatenate([[0], rung[:-1]])  # a flight that begins without a plan has fallen back too
+    fell = int(np.count_nonzero((rung > 0) & (before == 0))) if rung.size else 0
+    rose = int(np.count_nonzero((rung == 0) & (before > 0))) if rung.size else 0
     return {
         "plan": int(np.count_nonzero(rung == 0)),
         "shifted": int(np.count_nonzero(rung == 1)),

@@ -8,7 +8,12 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from sandwich_sitl.recording.proto.sandwich_telemetry_pb2 import ControlTelemetry, MissionState
+from sandwich_sitl.recording.proto.sandwich_telemetry_pb2 import (
+    ControlTelemetry,
+    MissionState,
+    PlanUpdate,
+    ReportedObstacle,
+)
 
 PROTOBUF_TOPICS: dict[str, Any] = {
     "/tf": FrameTransform,
@@ -16,6 +21,8 @@ PROTOBUF_TOPICS: dict[str, Any] = {
     "/plan/path": PosesInFrame,
     "/plan/horizon": PosesInFrame,
     "/plan/map": SceneUpdate,
+    "/plan/update": PlanUpdate,
+    "/obstacles": ReportedObstacle,
     "/scene": SceneUpdate,
     "/control/telemetry": ControlTelemetry,
     "/mission/state": MissionState,
@@ -39,6 +46,11 @@ def stream_key(vehicle_name: str, topic: str) -> str:
     """`sitl/{vehicle}/{component}/{topic}`: "/log" -> "sitl/uav1/offboard/log"; two parts stay two."""
     path = topic.removeprefix("/")
     return f"sitl/{vehicle_name}/{path}" if "/" in path else f"sitl/{vehicle_name}/offboard/{path}"
+
+
+def obstacle_key(vehicle_name: str) -> str:
+    """Where obstacles are reported to a flight."""
+    return f"sitl/{vehicle_name}/obstacles"
 
 
 def stream_encoding(topic: str) -> str:

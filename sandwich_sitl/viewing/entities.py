@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines, grid_lines, obstacle_heights, prism, unbroken
+from sandwich_sitl.recording.scene import (
+    bay_lines,
+    dividing_streamlines,
+    grid_lines,
+    lift,
+    obstacle_heights,
+    prism,
+    region_lines,
+    unbroken,
+)
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
@@ -22,7 +31,9 @@ TIMELINE = "time"
 GRID_LINES = 40  # at most this many lines of each family
 DARK, RED, GREY = (225, 225, 225), (120, 50, 50), (120, 125, 135)
 BLUE, ORANGE, GREEN, YELLOW, VIOLET = (60, 140, 245), (240, 140, 30), (60, 190, 110), (245, 200, 0), (200, 110, 240)
+CRIMSON = (235, 70, 80)
 DOWN = np.array([1.0, -1.0])
+_ONE_ALTITUDE = np.empty((0, 2))
 
 
 class EntityLog:
@@ -65,14 +76,54 @@ class EntityLog:
         self.columns("/world/horizon", t_s, rr.LineStrips3D.columns(strips=list(strips_m)))
         self.columns("/motion/horizon", t_s, rr.LineStrips2D.columns(strips=flat))
 
-    def region(self, t_s: Array, rings_m: Sequence[Array], altitude_m: float) -> None:
-        """The convex region in force, one closed ring (F, 2) a time."""
+    def region(self, t_s: Array, rings_m: Sequence[Array], altitude_m: float, z_m: Array = _ONE_ALTITUDE) -> None:
+        """The convex region in force, one ring (F, 2) a time; a prism where regions have altitudes, `z_m` (K, 2)."""
         import rerun as rr
 
-        rings = [close_ring(ring) for ring in rings_m]
-        lifted = [lift(ring, altitude_m) for ring in rings]
-        self.columns("/world/region", t_s, rr.LineStrips3D.columns(strips=lifted))
-        self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=[ring * DOWN for ring in rings]))
+        edges = [region_lines(ring, altitude_m, z_m[number : number + 1]) for number, ring in enumerate(rings_m)]
+        strips = rr.LineStrips3D.columns(strips=[line for lines in edges for line in lines])
+        self.columns("/world/region", t_s, strips.partition([len(lines) for lines in edges]))
+        rings = [close_ring(ring) * DOWN for ring in rings_m]
+        self.columns("/motion/region", t_s, rr.LineStrips2D.columns(strips=rings))
+
+    def obstacle(self, t_s: float, name: str, ring: Array, height_m: float) -> None:
+        """An obstacle that is there from a time on."""
+        import rerun as rr
+
+        self.at(t_s)
+        part = rr.escape_entity_path_part(name)
+        points, triangles = prism(ring, height_m)
+        mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=triangles, albedo_factor=CRIMSON)
+        self.recording.log(f"/world/appeared/{part}", mesh, strict=True)
+        self._outline(f"appeared/{part}", ring, CRIMSON, 2.5)
+
+    def sighting(self, t_s: float, name: str, ring: Array) -> None:
+        """The outline that a range sensor's returns were given."""
+        import rerun as rr
+
+        self.at(t_s)
+        self._outline(f"seen/{rr.escape_entity_path_part(name)}", ring, YELLOW, 1.0)
+
+    def new_route(self, t_s: float, number: int, xyz_m: Array) -> None:
+        """The reference of a plan that was adopted at a time."""
+        import rerun as rr
+
+        self.at(t_s)
+        style = {"colors": [CRIMSON], "radii": [rr.Radius.ui_points(1.5)]}
+        self.recording.log(f"/world/route/new-{number}", rr.LineStrips3D([xyz_m], **style), strict=True)
+        self.recording.log(f"/motion/route/new-{number}", rr.LineStrips2D([xyz_m[:, :2] * DOWN], **style), strict=True)
+
+    def at(self, t_s: float) -> None:
+        """What is logged next holds from this time on."""
+        self.recording.set_time(TIMELINE, duration=np.timedelta64(round(t_s * 1e9), "ns"))
+
+    def _outline(self, name: str, ring: Array, colour: Colour, width: float) -> None:
+        import rerun as rr
+
+        style = {"colors": [colour], "radii": [rr.Radius.ui_points(width)]}
+        closed = close_ring(ring)
+        self.recording.log(f"/motion/{name}", rr.LineStrips2D([closed * DOWN], **style), strict=True)
+        self.recording.log(f"/world/{name}/outline", rr.LineStrips3D([lift(closed, 0.06)], **style), strict=True)
 
     def scalars(self, entity: str, t_s: Array, values: Array) -> None:
         """A time series (K,)."""
@@ -130,7 +181,10 @@ def log_plan(log: EntityLog, plan: FlightPlan) -> None:
         ("tight", plan.tight_m, VIOLET),
         ("sandwich", plan.sandwich_m, BLUE),
     ):
-        _lines(log, f"route/{name}", [xy], colour, 1.5, z_m=plan.altitude_m)
+        _lines(log, f"route/{name}", [xy], colour, 1.5, z_m=plan.map_altitude_m)
+    if plan.floors is not None:
+        style = {"colors": [VIOLET], "radii": [rr.Radius.ui_points(1.5)]}
+        log.static("/world/route/reference", rr.LineStrips3D([plan.path_m], **style))
     _log_planning_space(log, plan)
 
 
@@ -190,8 +244,3 @@ def _lines(
 def close_ring(ring: Array) -> Array:
     """The ring with its first point repeated at the end."""
     return np.vstack([ring, ring[:1]])
-
-
-def lift(xy_m: Array, z_m: float) -> Array:
-    """Points (N, 2) at one height: (N, 3)."""
-    return np.column_stack([xy_m, np.full(len(xy_m), z_m)])

@@ -16,11 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sandwich_sitl.config import ZenohConfig
 from sandwich_sitl.errors import InputError, LinkError, SandwichError
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.recording.messages import plan_update_of, reported_obstacle_of
 from sandwich_sitl.recording.plan_file import plan_from_bytes
+from sandwich_sitl.recording.records import PlanUpdate, ReportedObstacle
+from sandwich_sitl.recording.scene import UNKNOWN_HEIGHT_FACTOR
 from sandwich_sitl.recording.streams import session_config
 from sandwich_sitl.recording.topics import MESSAGE_KINDS, PLAN_TOPIC, stream_key
 from sandwich_sitl.viewing.entities import APPLICATION, EntityLog, log_plan, log_styles
@@ -28,12 +32,23 @@ from sandwich_sitl.viewing.layout import layout
 from sandwich_sitl.viewing.planning_space import PlanningSpace
 from sandwich_sitl.viewing.replay import DEFAULT_RADIUS_M, viewer_command
 
+Array = NDArray[np.float64]
+
 QUEUE_SAMPLES = 4000
 POLL_S = 0.05
 START_TIMEOUT_S = 60.0
 _NO_VIEWER = "the Rerun viewer did not start; without a screen fly without --live and use `replay --save`"
 VIEWER_TIMEOUT_S = 20.0
-SHOWN_TOPICS = (PLAN_TOPIC, "/state/estimate", "/control/telemetry", "/plan/horizon", "/mission/state", "/log")
+SHOWN_TOPICS = (
+    PLAN_TOPIC,
+    "/state/estimate",
+    "/control/telemetry",
+    "/plan/horizon",
+    "/plan/update",
+    "/obstacles",
+    "/mission/state",
+    "/log",
+)
 
 
 def live_command(config: ZenohConfig, save: Path | None = None) -> list[str]:
@@ -53,6 +68,8 @@ class LiveEntities:
         self._plan: FlightPlan | None = None
         self._planning_space: PlanningSpace | None = None
         self._region = -1
+        self._rings_m: list[Array] = []  # regions by number
+        self._routes = 0
         log_styles(entities, DEFAULT_RADIUS_M)
 
     def show(self, topic: str, encoding: str, payload: bytes) -> None:
@@ -60,10 +77,12 @@ class LiveEntities:
         if topic == PLAN_TOPIC:
             self._plan = plan_from_bytes(payload, "the plan on the debug streams")
             self._planning_space = PlanningSpace(self._plan.channel_map)
+            self._rings_m = list(self._plan.corridor.polygons_m)
             log_plan(self._entities, self._plan)
             return
         message = MESSAGE_KINDS[encoding.rpartition(";")[2]].FromString(payload)
-        t_s = np.array([message.timestamp.ToNanoseconds() / 1e9])
+        t_ns = message.timestamp.ToNanoseconds()
+        t_s = np.array([t_ns / 1e9])
         match topic:
             case "/state/estimate":
                 self._pose(t_s, message.pose)
@@ -72,6 +91,10 @@ class LiveEntities:
             case "/plan/horizon":
                 points = [(pose.position.x, pose.position.y, pose.position.z) for pose in message.poses]
                 self._entities.horizon(t_s, [np.array(points)])
+            case "/plan/update":
+                self._new_plan(plan_update_of(t_ns, message))
+            case "/obstacles":
+                self._obstacle(reported_obstacle_of(t_ns, message))
             case "/mission/state":
                 self._entities.states("/mission/state", t_s, [message.state])
                 self._entities.states("/mission/autopilot", t_s, [message.autopilot_mode])
@@ -79,6 +102,18 @@ class LiveEntities:
             case "/log":
                 level = message.Level.Name(message.level).lower()
                 self._entities.lines_of_text(t_s, [f"[{message.name}] {message.message}"], [level])
+
+    def _new_plan(self, update: PlanUpdate) -> None:
+        self._rings_m[update.first_region :] = update.corridor.polygons_m
+        self._routes += 1
+        self._entities.new_route(update.t_s, self._routes, update.reference.xyz_m)
+
+    def _obstacle(self, seen: ReportedObstacle) -> None:
+        if seen.source == "sensor":
+            self._entities.sighting(seen.t_s, seen.name, seen.ring_m)
+        elif self._plan is not None:
+            height_m = seen.height_m or UNKNOWN_HEIGHT_FACTOR * self._plan.altitude_m
+            self._entities.obstacle(seen.t_s, seen.name, seen.ring_m, height_m)
 
     def _pose(self, t_s: Any, pose: Any) -> None:
         position, q = pose.position, pose.orientation
@@ -94,10 +129,11 @@ class LiveEntities:
             self._entities.scalars("/series/clearance_m", t_s, np.array([message.clearance_m]))
         for name in "xyz":
             self._entities.scalars(f"/series/snap/{name}", t_s, np.array([getattr(message, f"snap_{name}_mps4")]))
-        if self._plan is not None and message.region >= 0 and message.region != self._region:
+        if self._plan is not None and message.region != self._region and 0 <= message.region < len(self._rings_m):
             self._region = message.region
-            ring = self._plan.corridor.polygons_m[self._region]
-            self._entities.region(t_s, [ring], self._plan.altitude_m)
+            ring = self._rings_m[self._region]
+            z_m = self._plan.corridor.z_m[self._region : self._region + 1]
+            self._entities.region(t_s, [ring], self._plan.altitude_m, z_m)
 
 
 def watch(

@@ -20,12 +20,14 @@ from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines
 from sandwich_sitl.recording.summary import route_lengths
+from sandwich_sitl.viewing.floor_picture import draw_low_obstacles, draw_profile
 
 Array = NDArray[np.float64]
 
 PHI_LINES = 80  # at most this many lines phi = const are drawn
 PSI_LINES = 90  # and lines psi = const
 _NAMED = 8  # with more channels their names would overlap: numbers
+_PROFILE_HEIGHT = 2.6
 DPI = 160
 _OBSTACLE = "#8b8f98"
 _GROWN = "#c4c7cd"
@@ -43,9 +45,15 @@ def draw_plan(plan: FlightPlan, path: Path) -> None:
     """Write the picture as PNG. Raises `InputError` when `path` cannot be written."""
     x_min, y_min, x_max, y_max = plan.bounds_m
     panel_height = np.clip(7.0 * (y_max - y_min) / (x_max - x_min), 2.5, 8.0)
-    figure = Figure(figsize=(15.0, panel_height + 1.9), layout="constrained")
+    profile_height = 0.0 if plan.floors is None else _PROFILE_HEIGHT
+    figure = Figure(figsize=(15.0, panel_height + profile_height + 1.9), layout="constrained")
     FigureCanvasAgg(figure)
-    motion, planning = figure.subplots(1, 2)
+    if plan.floors is None:
+        motion, planning = figure.subplots(1, 2)
+    else:
+        grid = figure.add_gridspec(2, 2, height_ratios=(panel_height, profile_height))
+        motion, planning = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+        draw_profile(figure.add_subplot(grid[1, :]), plan)
     _draw_motion_space(motion, plan)
     _draw_planning_space(planning, plan)
     quality = plan.channel_map.quality
@@ -71,6 +79,8 @@ def _draw_motion_space(axes: Axes, plan: FlightPlan) -> None:
     for ring in plan.grown_m:
         axes.add_patch(Polygon(ring, facecolor=_GROWN, edgecolor="#6f737b", linewidth=0.6, linestyle="--", zorder=1))
     axes.add_collection(PatchCollection([Polygon(r) for r in plan.obstacles_m], facecolor=_OBSTACLE, zorder=2.5))
+    if plan.floors is not None:
+        draw_low_obstacles(axes, plan)
     _draw_grid(axes, plan.channel_map)
     _draw_routes(axes, plan)
     x_min, y_min, x_max, y_max = plan.bounds_m

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
@@ -16,9 +15,12 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.errors import InputError, SandwichError
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.prisms import Prisms
+from sandwich_sitl.recording.detours import appeared, whole_corridor
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.scene import UNKNOWN_HEIGHT_FACTOR
 from sandwich_sitl.recording.summary import tracking_error
-from sandwich_sitl.recording.tracks import ControlTrack, PoseTrack
+from sandwich_sitl.recording.tracks import PoseTrack
 from sandwich_sitl.viewing.entities import APPLICATION, EntityLog, log_flown_path, log_plan, log_styles
 from sandwich_sitl.viewing.layout import layout
 from sandwich_sitl.viewing.planning_space import PlanningSpace
@@ -77,7 +79,8 @@ def log_run(entities: EntityLog, log: RunLog) -> None:
     if plan is not None:
         log_plan(entities, plan)
     _log_vehicle(entities, log.truth if log.truth.t_s.size else log.estimate, plan)
-    _log_control(entities, log.control, plan)
+    _log_control(entities, log)
+    _log_detours(entities, log)
     entities.horizon(np.array([t_s for t_s, _ in log.horizon]), [strip for _, strip in log.horizon])
     _log_series(entities, log)
     _log_mission(entities, log)
@@ -93,13 +96,30 @@ def _log_vehicle(entities: EntityLog, track: PoseTrack, plan: FlightPlan | None)
     log_flown_path(entities, track.r_m, phi_psi)
 
 
-def _log_control(entities: EntityLog, control: ControlTrack, plan: FlightPlan | None) -> None:
-    if plan is None or control.t_s.size == 0:
+def _log_control(entities: EntityLog, log: RunLog) -> None:
+    control, plan, corridor = log.control, log.plan, whole_corridor(log)
+    if plan is None or corridor is None or control.t_s.size == 0:
         return
     changed = np.flatnonzero(np.diff(control.region, prepend=-1) != 0)
     changed = changed[control.region[changed] >= 0]
-    rings = [plan.corridor.polygons_m[region] for region in control.region[changed]]
-    entities.region(control.t_s[changed], rings, plan.altitude_m)
+    rings = [corridor.polygons_m[region] for region in control.region[changed]]
+    z_m = corridor.z_m[control.region[changed]] if len(corridor.z_m) else corridor.z_m
+    entities.region(control.t_s[changed], rings, plan.altitude_m, z_m)
+
+
+def _log_detours(entities: EntityLog, log: RunLog) -> None:
+    """Obstacles that the map did not show, from when they were there; routes from when they were flown."""
+    if log.plan is None:
+        return
+    height_m = UNKNOWN_HEIGHT_FACTOR * log.plan.altitude_m
+    for obstacle in appeared(log):
+        ring = shapely.get_coordinates(obstacle.polygon.exterior)[:-1]
+        entities.obstacle(obstacle.t_s, obstacle.name, ring, height_m)
+    for seen in log.reported:
+        if seen.source == "sensor":
+            entities.sighting(seen.t_s, seen.name, seen.ring_m)
+    for number, update in enumerate(log.updates, start=1):
+        entities.new_route(update.t_s, number, update.reference.xyz_m)
 
 
 def _log_series(entities: EntityLog, log: RunLog) -> None:
@@ -120,8 +140,8 @@ def _clearance(log: RunLog) -> tuple[Array, Array]:
         return log.control.t_s[known], log.control.clearance_m[known]
     if not log.plan.obstacles_m:
         return np.empty(0), np.empty(0)
-    obstacles: Any = shapely.union_all([shapely.Polygon(ring) for ring in log.plan.obstacles_m])
-    return log.truth.t_s, shapely.distance(obstacles, shapely.points(log.truth.r_m[:, :2]))
+    obstacles = Prisms(log.plan.obstacles_m, log.plan.blocking_heights_m)
+    return log.truth.t_s, obstacles.distance_m(log.truth.r_m)
 
 
 def _log_mission(entities: EntityLog, log: RunLog) -> None:

@@ -116,7 +116,7 @@ def test_the_exported_tlog_replays_through_pymavlink(flown: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "city", "open", "old_town", "warehouse"])
+@pytest.mark.parametrize("name", ["paper", "city", "open", "old_town", "warehouse", "floors"])
 def test_the_shipped_configurations_land(name: str, tmp_path: Path) -> None:
     config = Path(__file__).parents[2] / "configs" / f"{name}.yaml"
     done = run_cli("run", str(config), "--out", str(tmp_path), "--set", "link.uri=udpin://127.0.0.1:0")

@@ -105,6 +105,25 @@ def test_each_fault_is_found_and_a_good_plan_has_none() -> None:
     assert verdict(leaving) is Fault.REGION
 
 
+def test_altitudes_of_regions_are_kept_too() -> None:
+    """Rising from a region of 4 m to 6 m into one of 5 m to 8 m: the change must lie where both are."""
+    xyz = np.column_stack([np.linspace(-1.0, 3.0, 50), np.zeros((50, 2))])
+    corridor = boxes(xyz, np.repeat([0, 1], 25), 0.5)
+    z_m = np.array([[4.0, 6.0], [5.0, 8.0]])
+    states, region = straight(m=80), np.repeat([0, 1], 40)
+
+    def verdict(heights: np.ndarray) -> Fault:
+        states[:, 2] = heights
+        return examine(states, np.zeros(3), corridor.Lambda, corridor.Gamma, region, BOUNDS, z_m)
+
+    assert verdict(np.linspace(5.2, 7.0, 80)) is Fault.REGION  # 6.1 m at the change
+    assert verdict(np.linspace(4.1, 6.9, 80)) is Fault.NONE
+    assert verdict(np.linspace(4.1, 5.4, 80)) is Fault.REGION  # 4.7 m at the change
+    assert verdict(np.linspace(5.5, 8.1, 80)) is Fault.REGION
+    assert verdict(np.linspace(3.9, 5.9, 80)) is Fault.NONE  # below already, but no further
+    assert verdict(np.where(np.arange(80) == 20, 3.9, 5.5)) is Fault.REGION
+
+
 def test_a_corner_cut_between_two_grid_points_is_seen() -> None:
     """Two regions that touch in an L: each end of a chord lies in its own region, the chord in neither."""
     Lambda = np.tile(np.array([[1.0, 0], [0, 1.0], [-1.0, 0], [0, -1.0]]), (2, 1, 1))
@@ -168,9 +187,16 @@ def test_a_solver_that_comes_back_is_flown_again_and_the_route_is_finished() -> 
     assert np.abs(jumps).max() < 1e-4
 
 
-def test_no_plan_at_the_first_tick_is_braking_at_once() -> None:
-    ticks, _ = ladder(lambda _: True, 3)
-    assert [tick.rung for tick in ticks] == [Rung.BRAKE] * 3
+def test_without_any_plan_the_vehicle_stands_still_and_then_brakes() -> None:
+    """Before the first plan the plan in force is to stay; it is not stayed with for ever."""
+    ticks, _ = ladder(lambda _: True, 60)
+    rungs = [tick.rung for tick in ticks]
+    last = rungs.index(Rung.BRAKE)
+    assert set(rungs[:last]) == {Rung.SHIFTED}
+    assert set(rungs[last:]) == {Rung.BRAKE}
+    assert 0.7 < last * DT < 1.0
+    for tick in ticks[:last]:
+        np.testing.assert_array_equal(tick.setpoint, ticks[0].setpoint)
 
 
 def test_a_blind_tracker_slows_down() -> None:

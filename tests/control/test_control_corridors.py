@@ -72,7 +72,7 @@ def _rest_of_the_plan(
     and by what was known of the vehicle when it was accepted.
     """
     stop = tracker._stop
-    if stop is None or accepted is None:
+    if accepted is None:
         return 0.0
     times = np.arange(t_s - tracker._stop_began_s, stop.stop_s + GRID_S, GRID_S)
     if len(times) == 0:

@@ -48,16 +48,47 @@ def test_a_delay_that_is_given_is_not_learned() -> None:
     assert estimator.delay_s == 0.1
 
 
-def test_offset_comes_in_at_its_rate_and_stops_at_its_limit() -> None:
-    config = TrackingConfig(observer_radps=1.5, offset_limit_m=0.8, delay_s=0.0)
-    estimator = VehicleEstimator(config, DT, 0.0, np.zeros(12))
-    for k in range(1, 200):
+def test_a_steady_offset_is_found_at_the_bandwidth_and_stops_at_its_limit() -> None:
+    estimator = VehicleEstimator(
+        TrackingConfig(motion_radps=4.0, offset_limit_m=0.8, delay_s=0.0), DT, 0.0, np.zeros(12)
+    )
+    found = []
+    for k in range(1, 300):
         estimator.measure(k * DT, k * DT, np.array([0.5, 0, 0]), np.zeros(3))
-        assert estimator.offset_m[0] == pytest.approx(0.5 * (1 - np.exp(-1.5 * k * DT)), abs=1e-9)
-    for k in range(200, 600):
+        found.append(estimator.offset_m[0])
+    assert np.argmax(np.array(found) > 0.5 * (1 - np.exp(-1))) * DT == pytest.approx(1 / 4.0, abs=0.15)
+    assert max(found) < 0.6
+    assert found[-1] == pytest.approx(0.5, abs=1e-3)
+    for k in range(300, 600):
         estimator.measure(k * DT, k * DT, np.array([3.0, 4.0, 0]), np.zeros(3))
-    assert np.linalg.norm(estimator.offset_m) == pytest.approx(0.8)
+        ahead = estimator.offset_ahead(np.arange(5) * 0.1)
+        assert np.linalg.norm(ahead, axis=1).max() <= 0.8 + 1e-9
     np.testing.assert_allclose(estimator.offset_m, [0.48, 0.64, 0.0], atol=1e-3)
+
+
+def test_the_offset_to_come_is_ahead_of_the_offset_seen() -> None:
+    """A vehicle that is pushed off its command at 0.2 m/s: what it will be off by soon, but not for ever."""
+    estimator = VehicleEstimator(TrackingConfig(delay_s=0.0), DT, 0.0, np.zeros(12))
+    for k in range(1, 100):
+        t = k * DT
+        estimator.measure(t, t, np.array([0.2 * t, 0, 0]), np.array([0.2, 0, 0]))
+    ahead = estimator.offset_ahead(np.array([0.0, 0.05, 0.1, 0.5, 2.0]))[:, 0]
+    assert ahead[0] == pytest.approx(0.2 * 99 * DT, abs=1e-3)
+    assert (np.diff(ahead) > 0).all()
+    assert ahead[1] - ahead[0] == pytest.approx(0.2 * 0.05, rel=0.25)
+    assert ahead[-1] - ahead[0] < 0.05
+
+
+def test_after_a_gap_only_the_place_of_the_error_is_believed() -> None:
+    """A second without telemetry while the error was moving fast: it is not carried through the gap."""
+    estimator = VehicleEstimator(TrackingConfig(delay_s=0.0), DT, 0.0, np.zeros(12))
+    for k in range(1, 30):
+        t = k * DT
+        estimator.measure(t, t, np.array([t * t, 0, 0]), np.array([2 * t, 0, 0]))
+    place = estimator.offset_m[0]
+    t = 30 * DT + 0.45
+    assert estimator.measure(t, t, np.array([place, 0, 0]), np.zeros(3))
+    assert estimator.offset_m[0] == pytest.approx(place, abs=0.01)
 
 
 def test_acceleration_and_jerk_are_estimated_where_the_vehicle_does_not_do_as_told() -> None:

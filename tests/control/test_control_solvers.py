@@ -112,6 +112,18 @@ def test_height_stays_in_its_band_and_never_meets_the_plane() -> None:
     assert abs(heights[-1] - 10.0) < 0.3
 
 
+@pytest.mark.parametrize(("low", "high"), [(9.2, 9.85), (10.15, 11.4)])
+def test_height_stays_within_the_altitudes_of_its_region(low: float, high: float) -> None:
+    """The desired height lies outside: the plan goes as near to it as the region lets it, and no nearer."""
+    mpc = Mpc(MpcConfig(solver="active_set", horizon_steps=N), "timed", FACES)
+    x = np.zeros(12)
+    x[2] = np.clip(10.0, low + 0.1, high - 0.1)
+    desired, z_m = np.tile([0.0, 0.0, 10.0], (N, 1)), np.tile([low, high], (N, 1))
+    heights = mpc.solve(x, desired, turned_box(0.0), np.full((N, FACES), 5.0), z_m).states[:, 2]
+    assert low - 1e-6 <= heights.min() <= heights.max() <= high + 1e-6
+    assert heights[-1] == pytest.approx(np.clip(10.0, low, high), abs=0.02)
+
+
 def test_paper_mode_is_the_euler_chain_without_limits() -> None:
     mpc = Mpc(MpcConfig(solver="active_set", horizon_steps=N), "paper", FACES)
     x = np.zeros(12)

@@ -132,7 +132,7 @@ def random_situation(state: State, dice: random.Random) -> Situation:
         r_m=np.array((*START, dice.choice((0.0, ALTITUDE)))),
         v_mps=np.array((dice.choice((0.0, 3.0)), 0.0, 0.0)),
     )
-    inputs = MissionInputs(dice.choice((0, 0, 0, 1, 2)), dice.random() < 0.2, dice.random() < 0.2)
+    inputs = MissionInputs(dice.choice((0, 0, 0, 1, 2)), *(dice.random() < 0.2 for _ in range(3)))
     return Situation(now_s, view, inputs, TASK, memory)
 
 

@@ -12,12 +12,14 @@ from scipy.sparse.csgraph import connected_components
 from shapely import LineString, Point, Polygon, box
 from world_samples import QUICK, REACH_M, grown_world, horseshoe, sample_world, yard
 
+from sandwich_sitl.channels.bays import Bay
 from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
 from sandwich_sitl.planning.routes import find_route
+from sandwich_sitl.world.grow import GrownWorld
 
 HAIR_M = 1e-7
 FLOWS: tuple[Flow, ...] = ("x", "y")
@@ -106,15 +108,26 @@ def test_bay_is_entered_through_its_lid_only() -> None:
         on_lid = number[bay.lid_nodes, 0]
         assert np.isin(on_lid, in_channels).all()
         inside = np.setdiff1d(number[:, 0], on_lid)
-        beyond = joined[inside].nonzero()[1]
-        assert np.isin(beyond, number[:, 0]).all()
+        row, beyond = joined[inside].nonzero()
+        leaving = ~np.isin(beyond, number[:, 0])
+        ends = np.stack([map_graph.graph.xy_m[inside[row[leaving]]], map_graph.graph.xy_m[beyond[leaving]]], axis=1)
+        assert leaving.any()
+        assert (shapely.distance(shapely.linestrings(ends), lids(bay)) < HAIR_M).all()
         assert len(np.unique(labels[number[:, 0]])) == 1
 
 
-def test_edges_are_the_sides_and_diagonals_of_the_cells() -> None:
-    """Counted cell by cell in a dictionary."""
+def lids(bay: Bay) -> shapely.Geometry:
+    """The sides of a bay's outline between lid nodes."""
+    sides = np.sort(np.concatenate([bay.quads[:, [k, (k + 1) % 4]] for k in range(4)]), axis=1)
+    once, count = np.unique(sides, axis=0, return_counts=True)
+    open_sides = once[(count == 1) & np.isin(once, bay.lid_nodes).all(axis=1)]
+    return shapely.union_all(shapely.linestrings(bay.xy_m[open_sides]))
+
+
+def test_every_link_lies_in_the_cells_and_corners_of_a_cell_are_linked() -> None:
+    """Corners cell by cell in a dictionary; all other links as chords against the union of the cells."""
     channel_map, map_graph = rooms()
-    expected: set[tuple[int, int]] = set()
+    corners: set[tuple[int, int]] = set()
     cells = [
         (d, i, j)
         for d, xy in enumerate(channel_map.xy_m)
@@ -124,14 +137,45 @@ def test_edges_are_the_sides_and_diagonals_of_the_cells() -> None:
     cells += [(channel_map.channels + b, q, 0) for b, bay in enumerate(channel_map.bays) for q in range(len(bay.quads))]
     assert sorted(map(tuple, map_graph.cell_place.tolist())) == sorted(cells)
     for cell in cells:
-        expected |= {
+        corners |= {
             (min(pair), max(pair)) for pair in itertools.combinations(corner_nodes(channel_map, map_graph, cell), 2)
         }
     graph = map_graph.graph
     start = np.repeat(np.arange(len(graph.xy_m)), np.diff(graph.first))
     found = {(a, b) for a, b in zip(start.tolist(), graph.neighbour.tolist(), strict=True) if a < b}
-    assert found == expected
-    assert len(graph.neighbour) == 2 * len(expected)
+    assert corners < found
+    assert len(graph.neighbour) == 2 * len(found)
+    ground = shapely.union_all(shapely.polygons(graph.xy_m[map_graph.quads])).buffer(HAIR_M)
+    shapely.prepare(ground)
+    assert shapely.covers(ground, shapely.linestrings(graph.xy_m[np.array(sorted(found - corners))])).all()
+
+
+def test_links_leave_no_wide_gap_where_nothing_is_in_the_way() -> None:
+    """An empty world: inside it the directions of a node's links are nowhere 36 degrees apart."""
+    channel_map = build_channel_map(GrownWorld((0.0, 0.0, 60.0, 40.0), (), ()), 2.0, 5)
+    map_graph = build_map_graph(channel_map)
+    graph = map_graph.graph
+    inner = np.flatnonzero(((graph.xy_m > 9.0) & (graph.xy_m < (51.0, 31.0))).all(axis=1))
+    assert len(inner) > 50
+    for node in inner:
+        row = slice(graph.first[node], graph.first[node + 1])
+        assert gaps_deg(graph.xy_m[graph.neighbour[row]] - graph.xy_m[node]).max() < 36.0
+
+
+def gaps_deg(directions: np.ndarray) -> np.ndarray:
+    """Angles between neighbouring directions (n, 2) all the way round."""
+    angle = np.sort(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])))
+    return np.diff(np.append(angle, angle[0] + 360.0))
+
+
+def test_a_path_on_the_map_pays_little_for_its_directions() -> None:
+    """Between corners of an empty world, at every angle: the gaps' own law 1 / cos(gap / 2)."""
+    channel_map = build_channel_map(GrownWorld((0.0, 0.0, 60.0, 40.0), (), ()), 1.0, 5)
+    map_graph = build_map_graph(channel_map)
+    for angle in np.radians(np.arange(2.0, 90.0, 8.0)):
+        start, goal = np.array([30.0, 20.0]), np.array([30.0, 20.0]) + 18.0 * np.array([np.cos(angle), np.sin(angle)])
+        route = find_route(channel_map, map_graph, start, goal).points_m
+        assert 18.0 - 1e-9 <= path_length(route) <= 18.0 / np.cos(np.radians(18.0)) + 0.1
 
 
 def corner_nodes(channel_map: ChannelMap, map_graph: MapGraph, cell: tuple[int, int, int]) -> list[int]:
@@ -142,12 +186,16 @@ def corner_nodes(channel_map: ChannelMap, map_graph: MapGraph, cell: tuple[int, 
     return map_graph.node[b][channel_map.bays[b - channel_map.channels].quads[i], 0].tolist()
 
 
-def test_links_are_straight_lines_to_the_corners_of_the_cells_that_hold_the_point() -> None:
+def test_links_of_a_point_are_straight_lines_in_free_ground_to_the_corners_of_its_cells_and_further() -> None:
     channel_map, map_graph = rooms()
+    solid = shapely.union_all([polygon.buffer(-HAIR_M) for polygon in channel_map.grown.polygons])
+    shapely.prepare(solid)
     for point in free_points(channel_map, 40, 2):
         found = links(map_graph, point)
-        expected = {n for cell in locate(map_graph, point) for n in corner_nodes(channel_map, map_graph, cell)}
-        assert {node for node, _ in found} == expected
+        corners = {n for cell in locate(map_graph, point) for n in corner_nodes(channel_map, map_graph, cell)}
+        assert corners < {node for node, _ in found}
+        chords = [[point, map_graph.graph.xy_m[node]] for node, _ in found]
+        assert not shapely.intersects(solid, shapely.linestrings(chords)).any()
         for node, length in found:
             assert length == pytest.approx(float(np.hypot(*(map_graph.graph.xy_m[node] - point))))
 

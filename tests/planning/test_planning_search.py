@@ -123,17 +123,18 @@ def test_index_finds_the_cells_that_a_look_at_every_cell_finds(name: str) -> Non
         assert set(np.flatnonzero(distance < 1e-10)) <= set(found) <= set(np.flatnonzero(distance < 1e-5))
 
 
-def test_graph_of_quads_is_the_graph_of_their_sides_and_diagonals() -> None:
-    map_graph = build_map_graph(build_channel_map(shipped("city"), 3.0, 5))
-    quads, graph = map_graph.quads, map_graph.graph
-    edges = np.concatenate([quads[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))])
-    other = Graph.from_edges(graph.xy_m, edges)
-    np.testing.assert_array_equal(graph.first, other.first)
-    for a in range(len(graph.xy_m)):
-        row = slice(graph.first[a], graph.first[a + 1])
-        order = np.argsort(graph.neighbour[row])
-        np.testing.assert_array_equal(graph.neighbour[row][order], other.neighbour[row])
-        np.testing.assert_allclose(graph.length_m[row][order], other.length_m[row], rtol=1e-12)
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_of_a_graph_are_those_of_a_symmetric_matrix_of_its_edges(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(0, 10, (30, 2))
+    edges = rng.integers(0, 30, (80, 2))
+    graph = Graph.from_edges(xy, edges)
+    a, b = np.concatenate([edges, edges[:, ::-1]]).T
+    expected = np.zeros((30, 30))
+    expected[a, b] = np.hypot(*(xy[a] - xy[b]).T)
+    found = sp.csr_array((graph.length_m, graph.neighbour, graph.first), shape=(30, 30))
+    assert found.nnz == np.count_nonzero(expected)
+    np.testing.assert_allclose(found.toarray(), expected)
 
 
 def test_one_search_to_many_goals_is_as_good_as_one_each() -> None:

@@ -10,7 +10,11 @@ from vehicle_sim.protocol.node import Node
 
 CLIENT, OTHER = "client", "other"
 EXACT = SensorsConfig(
-    estimate_position_std_m=0, estimate_velocity_std_mps=0, estimate_attitude_std_rad=0, gyroscope_std_radps=0
+    estimator="error_model",
+    estimate_position_std_m=0,
+    estimate_velocity_std_mps=0,
+    estimate_attitude_std_rad=0,
+    gyroscope_std_radps=0,
 )
 
 
@@ -25,13 +29,19 @@ class Client:
 
     def send(self, message: Any) -> list[Any]:
         """Send, and return what comes back at once."""
-        for received in self.codec.decode(message.pack(self.mav)):
-            self.node.handle(self.name, received)
+        self.post(message)
         return self.receive()
 
+    def post(self, message: Any) -> None:
+        for received in self.codec.decode(message.pack(self.mav)):
+            self.node.handle(self.name, received)
+
+    def take(self) -> list[bytes]:
+        """The frames that wait."""
+        return self.node.take(self.node.session(self.name))
+
     def receive(self) -> list[Any]:
-        frames = self.node.take(self.node.session(self.name))
-        return [received.message for frame in frames for received in self.codec.decode(frame)]
+        return [received.message for frame in self.take() for received in self.codec.decode(frame)]
 
     def run(self, seconds: float) -> list[Any]:
         self.node.advance_to(self.node.vehicle.t_us + round(seconds * 1e6))

@@ -1,53 +1,30 @@
-"""Turbulence against MIL-F-8785C, gusts, the x500 airframe, laws of energy and gyroscopic torque, failures, the estimator."""
+"""Turbulence against MIL-F-8785C, gusts, the x500 airframe, laws of energy and gyroscopic torque, failures."""
 
-from math import cos, hypot, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import integrate, signal
 
-from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import SetpointMessage
-from vehicle_sim.config import VehicleConfig, load_run, parse_vehicle_section
+from vehicle_sim.config import load_run, parse_vehicle_section
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, state_at_rest, state_derivative, step_free
 from vehicle_sim.errors import ConfigError
-from vehicle_sim.parts import AirframeConfig, FailureConfig, GustConfig, SensorsConfig, WindConfig
+from vehicle_sim.parts import AirframeConfig, FailureConfig, GustConfig, WindConfig
 from vehicle_sim.rotation import rotate
 from vehicle_sim.rotors import RotorModel, Wrench, rotor_wrench
-from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.wind import Pair, discrete_gust, gust_of, next_pair, next_u, turbulence_at
 
+from .flight import STILL, Flight
+from .node_client import EXACT
+
 CONFIGS = Path(__file__).parents[2] / "configs"
-STILL = (0.0, 0.0, 0.0)
 FEET = 0.3048
 
 
 def x500() -> AirframeConfig:
     return parse_vehicle_section({"airframe": "vehicles/x500.yaml"}, str(CONFIGS / "single.yaml")).airframe
-
-
-class Flight:
-    """OFFBOARD at 3 m, set-points every 20 ms."""
-
-    def __init__(self, seed: int = 1, **config: object) -> None:
-        self.vehicle = Vehicle(VehicleConfig(**config), seed)  # type: ignore[arg-type]
-
-    def run(self, seconds: float, place: tuple[float, float, float] = (0.0, 0.0, -3.0), each: object = None) -> None:
-        vehicle = self.vehicle
-        for _ in range(round(seconds / 0.02)):
-            vehicle.autopilot.receive_setpoint(SetpointMessage(1, 0, place, STILL, STILL, 0.0, 0.0), vehicle.estimate)
-            vehicle.advance(8)
-            if callable(each):
-                each()
-
-    def take_off(self) -> "Flight":
-        self.run(4.6)
-        self.vehicle.autopilot.request_mode(Mode.OFFBOARD)
-        self.vehicle.autopilot.request_arm()
-        self.run(7.0)
-        assert self.vehicle.state.d < -2.5
-        return self
 
 
 def test_dryden_scales_by_hand() -> None:
@@ -117,7 +94,7 @@ def test_a_discrete_gust_by_hand_and_in_flight() -> None:
     assert discrete_gust((gust,), 14.0) == pytest.approx((0.0, 6.0, -1.0))
     assert discrete_gust((gust,), 13.5) == pytest.approx((0.0, 3.0, -0.5))
     assert discrete_gust((gust,), 12.9) == discrete_gust((gust,), 15.1) == (0.0, 0.0, 0.0)
-    flight = Flight(wind=WindConfig(discrete_gusts=(gust,))).take_off()
+    flight = Flight(wind=WindConfig(discrete_gusts=(gust,)), sensors=EXACT).take_off()
     pushed: list[float] = []
     flight.run(6.0, each=lambda: pushed.append(flight.vehicle.state.e))
     assert 0.05 < max(pushed) < 1.0
@@ -127,9 +104,7 @@ def test_a_discrete_gust_by_hand_and_in_flight() -> None:
 def test_the_x500_file_hovers_where_its_thrust_says() -> None:
     airframe = x500()
     assert airframe.mass_kg == 2.064
-    flight = Flight(
-        airframe=airframe, sensors=SensorsConfig(estimate_position_std_m=0, estimate_velocity_std_mps=0)
-    ).take_off()
+    flight = Flight(airframe=airframe, sensors=EXACT).take_off()
     flight.run(4.0)
     expected = sqrt(airframe.mass_kg * GRAVITY_MPS2 / 4 / airframe.thrust_coefficient_n_per_radps2)
     assert np.mean(flight.vehicle.speeds_radps) == pytest.approx(expected, rel=0.01)
@@ -155,8 +130,7 @@ PX4_GAINS = {
 
 def test_with_px4s_gains_it_lags_as_px4s_own_simulator_does() -> None:
     """A 10 m minimum-jerk leg in 6 s by position and velocity: PX4's simulator lags 0.85 m rms, 1.4 m at most."""
-    exact = SensorsConfig(estimate_position_std_m=0, estimate_velocity_std_mps=0)
-    flight = Flight(airframe=x500(), parameters=PX4_GAINS, sensors=exact).take_off()
+    flight = Flight(airframe=x500(), parameters=PX4_GAINS, sensors=EXACT).take_off()
     flight.run(6.0)
     vehicle, lag = flight.vehicle, []
     for k in range(300):
@@ -257,75 +231,11 @@ def test_losing_a_motor_or_the_battery_brings_the_vehicle_down(part: str) -> Non
         assert flight.vehicle.battery.charge == 0.0
 
 
-def test_losing_gps_descends_and_getting_it_back_lets_offboard_go_on() -> None:
-    loss, back = FailureConfig(at_s=14.0, part="gps"), FailureConfig(at_s=16.0, part="gps", ok=True)
-    flight = Flight(failures=(loss, back)).take_off()
-    modes = []
-    flight.run(8.0, each=lambda: modes.append(flight.vehicle.autopilot.commander.flown_mode))
-    order = list(dict.fromkeys(modes))
-    assert order == [Mode.OFFBOARD, Mode.DESCEND]
-    assert modes[-1] is Mode.OFFBOARD
-    assert flight.vehicle.state.d == pytest.approx(-3.0, abs=0.3)
-
-
 def test_a_wind_step_is_fought() -> None:
     step = FailureConfig(at_s=13.0, part="wind", wind_enu_mps=(0.0, 6.0, 0.0))
-    flight = Flight(failures=(step,)).take_off()
+    flight = Flight(failures=(step,), sensors=EXACT).take_off()
     drift: list[float] = []
     flight.run(12.0, each=lambda: drift.append(flight.vehicle.state.n))
     assert flight.vehicle.wind_ned_mps[0] == 6.0
     assert 0.05 < max(drift) < 1.5
     assert abs(drift[-1]) < 0.15
-
-
-def test_magnetometer_and_barometer_freeze_when_they_fail() -> None:
-    flight = Flight()
-    flight.run(1.0)
-    assert flight.vehicle.inject_failure(2, 1, 0)
-    assert flight.vehicle.inject_failure(3, 1, 0)
-    before = flight.vehicle.readings
-    flight.run(1.0)
-    after = flight.vehicle.readings
-    assert (after.magnetometer_gauss, after.pressure_hpa) == (before.magnetometer_gauss, before.pressure_hpa)
-    assert after.gyroscope_radps != before.gyroscope_radps
-    assert not flight.vehicle.inject_failure(8, 1, 0)
-    assert not flight.vehicle.inject_failure(101, 3, 0)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_estimator_errs_as_px4s_does_and_flies(seed: int) -> None:
-    flight = Flight(seed, sensors=SensorsConfig(estimator="filter"), initial_yaw_deg=70.0).take_off()
-    errors: list[list[float]] = []
-    tilt: list[float] = []
-
-    def look() -> None:
-        x, e = flight.vehicle.state, flight.vehicle.estimate
-        p = e.position_ned_m
-        errors.append([hypot(p[0] - x.n, p[1] - x.e), abs(p[2] - x.d)])
-        dot = abs(sum(a * b for a, b in zip(x.q_wb_wxyz, e.q_wb_wxyz, strict=True)))
-        tilt.append(2 * np.arccos(min(1.0, dot)))
-
-    for k in range(8):
-        flight.run(5.0, (4.0 * (k % 2), 2.0 * (k % 3), -4.0), look)
-    horizontal, vertical = np.median(errors, axis=0)
-    assert 0.02 < horizontal < 0.9
-    assert max(row[0] for row in errors) < 1.5
-    assert vertical < 0.4
-    assert np.degrees(np.median(tilt)) < 2.5
-    bias = flight.vehicle.flight.gyro_bias - flight.vehicle.constants.gyro_bias
-    assert np.abs(bias).max() < 1.5e-3
-
-
-def test_without_gps_the_estimator_drifts_and_a_perfect_estimate_does_not_err() -> None:
-    flight = Flight(
-        2, sensors=SensorsConfig(estimator="filter"), failures=(FailureConfig(at_s=12.0, part="gps"),)
-    ).take_off()
-    before = hypot(*(np.array(flight.vehicle.estimate.position_ned_m) - flight.vehicle.state.position_ned_m)[:2])
-    flight.run(15.0)
-    after = hypot(*(np.array(flight.vehicle.estimate.position_ned_m) - flight.vehicle.state.position_ned_m)[:2])
-    assert after > before + 0.3
-    perfect = SensorsConfig(
-        estimate_position_std_m=0, estimate_velocity_std_mps=0, estimate_attitude_std_rad=0, gyroscope_std_radps=0
-    )
-    still = Flight(sensors=perfect).take_off()
-    assert still.vehicle.estimate.position_ned_m == still.vehicle.state.position_ned_m

@@ -100,7 +100,7 @@ def test_row_05_accelerations_fly_without_a_position_and_positions_do_not() -> N
         client = in_offboard(new_client(parameters={"SYS_FAILURE_EN": 1}))
         assert client.results(420, 4, 1) == [0]
         position = (0.0, 0.0, -3.0)
-        heard = stream(client, 1.5, setpoint(position, mask=mask))
+        heard = stream(client, 6.5, setpoint(position, mask=mask))
         assert beat(heard)[0] == flown
 
 
@@ -233,6 +233,9 @@ def test_row_16_rates_within_five_percent(client: Client) -> None:
         "SCALED_PRESSURE": 1, "HOME_POSITION": 0.5, "BATTERY_STATUS": 0.5, "VIBRATION": 0.5,
     }  # fmt: skip
     assert {name: counts[name] / 20 for name in expected} == pytest.approx(expected, rel=0.05)
+    client.node.advance_to(client.node.vehicle.t_us + 20_000_000)
+    frames = client.take()
+    assert sum(frame[7:10] == (436).to_bytes(3, "little") for frame in frames) == 10  # CURRENT_MODE
 
 
 def test_row_17_ports_of_instances() -> None:

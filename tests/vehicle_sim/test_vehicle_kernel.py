@@ -1,23 +1,27 @@
 """The compiled kernel against the same code as plain Python, and prepared payloads against pymavlink's own packing."""
 
 import inspect
+import struct
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development
+from pymavlink.generator.mavcrc import x25crc
 
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.flight import advance
-from vehicle_sim.noise import NoiseTable
-from vehicle_sim.parts import FailureConfig, SensorsConfig, WindConfig
+from vehicle_sim.noise import NOISE_COLUMNS, NoiseTable
+from vehicle_sim.obstacles import RangeSensor, Scene
+from vehicle_sim.parts import FailureConfig, ObstacleConfig, RangeSensorConfig, WindConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.protocol.payloads import base_length, payload_of
-from vehicle_sim.surroundings import NOISE_COLUMNS
+from vehicle_sim.telemetry import identity
 from vehicle_sim.telemetry.streams import STREAMS
 from vehicle_sim.vehicle import Vehicle
 
@@ -26,9 +30,11 @@ STILL = (0.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def flying() -> Vehicle:
-    """In the air under OFFBOARD, in wind, off its setpoint."""
+    """In the air under OFFBOARD, in wind, off its setpoint, with every sensor."""
     wind = WindConfig((3.0, 1.0, 0.0), (1.0, 1.0, 0.5), dryden_w20_mps=8.0)
-    vehicle = Vehicle(VehicleConfig(wind=wind, sensors=SensorsConfig(estimator="filter")), 3)
+    wall = ObstacleConfig("wall", ((8.0, 5.0), (9.0, 5.0), (9.0, -5.0)))
+    sensor = RangeSensor(RangeSensorConfig(), Scene.of([wall], (0.0, 0.0)), 3)
+    vehicle = Vehicle(VehicleConfig(wind=wind), 3, range_sensor=sensor)
     for k in range(500):
         vehicle.autopilot.receive_setpoint(
             SetpointMessage(1, 0, (2.0, 1.0, -4.0), (0.5, 0.0, 0.0), STILL, 0.7, 0.1), vehicle.estimate
@@ -63,16 +69,37 @@ def test_steps_one_by_one_or_in_batches_are_the_same_flight() -> None:
     assert one.t_us == many.t_us == 2500 * one.step_us
 
 
-@pytest.mark.parametrize("message_id", sorted(STREAMS))
+@pytest.mark.parametrize("message_id", sorted(set(STREAMS) - {identity.PROTOCOL_VERSION}))
 def test_every_stream_packs_byte_for_byte_as_pymavlink_does(flying: Vehicle, message_id: int) -> None:
     built = STREAMS[message_id][0](flying)
     payload = built if isinstance(built, tuple) else payload_of(built)
     frame = Codec(1).encode(payload)
-    parser = mavlink.MAVLink(None, 1, 1)
-    message: Any = parser.decode(bytearray(frame))
+    dialect: Any = mavlink if message_id in mavlink.mavlink_map else development
+    message: Any = dialect.MAVLink(None, 1, 1).decode(bytearray(frame))
     assert message.get_msgId() == message_id
-    assert message.pack(mavlink.MAVLink(None, 1, 1)) == frame
-    assert message.get_type() == mavlink.mavlink_map[message_id].msgname
+    assert message.pack(dialect.MAVLink(None, 1, 1)) == frame
+    assert message.get_type() == dialect.mavlink_map[message_id].msgname
+
+
+def test_modes_are_listed_as_the_dialect_that_knows_them_packs_them() -> None:
+    for number, payload in enumerate(identity.available_modes(0), 1):
+        frame = Codec(1).encode(payload)
+        message: Any = development.MAVLink(None, 1, 1).decode(bytearray(frame))
+        assert (message.get_type(), message.mode_index) == ("AVAILABLE_MODES", number)
+        assert message.pack(development.MAVLink(None, 1, 1)) == frame
+        assert [payload] == identity.available_modes(number)
+
+
+def test_protocol_version_is_packed_as_its_definition_says(flying: Vehicle) -> None:
+    """No dialect of pymavlink has it; its checksum seed is made of the names and types of its fields."""
+    crc = x25crc()
+    crc.accumulate_str("PROTOCOL_VERSION uint16_t version uint16_t min_version uint16_t max_version ")
+    for name in ("spec_version_hash", "library_version_hash"):
+        crc.accumulate_str(f"uint8_t {name} ")
+        crc.accumulate(bytearray((8,)))
+    number, seed, length, data = identity.protocol_version(flying)
+    assert (number, seed, length) == (300, bytes((crc.crc & 0xFF ^ crc.crc >> 8,)), len(data))
+    assert struct.unpack("<3H", data[:6]) == (200, 100, 200)
 
 
 def test_length_without_extensions_by_hand() -> None:
@@ -94,7 +121,6 @@ def digest_of_a_flight(seed: int) -> str:
     """Every frame of twelve seconds with wind, failures and an estimator, as one number."""
     config = VehicleConfig(
         wind=WindConfig((2.0, 1.0, 0.0), dryden_w20_mps=6.0),
-        sensors=SensorsConfig(estimator="filter"),
         failures=(FailureConfig(at_s=9.0, part="gps"), FailureConfig(at_s=10.0, part="motor", instance=2)),
     )
     node = Node(Vehicle(config, seed), lockstep=True)

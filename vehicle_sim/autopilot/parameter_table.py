@@ -22,6 +22,7 @@ COM_RC_LOSS_T     f  0.5    0     35      s      sticks missing this long are lo
 COM_RC_OVERRIDE   i  1      0     3       -      moved sticks take over: 1 in auto modes, 2 in Offboard
 COM_RC_STICK_OV   f  30     5     80      %      stick deflection that takes over
 COM_SPOOLUP_TIME  f  1      0     30      s      idling after arming
+EKF2_NOAID_TOUT   i  5000000 500000 10000000 us dead reckoning without GPS longer than this: no position
 GF_ACTION         i  2      0     5       -      geofence: 0 none, 1 warn, 2 Hold, 3 Return, 4 terminate, 5 Land
 GF_MAX_HOR_DIST   f  0      0     10000   m      farthest from home; 0: no limit
 GF_MAX_VER_DIST   f  0      0     10000   m      highest above home; 0: no limit

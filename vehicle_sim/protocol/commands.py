@@ -14,6 +14,7 @@ from vehicle_sim.autopilot.results import Result
 from vehicle_sim.geo import Geodetic
 from vehicle_sim.protocol.session import Session
 from vehicle_sim.rotation import Vector
+from vehicle_sim.telemetry.identity import AVAILABLE_MODES, PROTOCOL_VERSION, available_modes
 from vehicle_sim.vehicle import Vehicle
 
 _CUSTOM_MODE_FLAG = 1
@@ -104,7 +105,17 @@ def _get_message_interval(_v: Vehicle, session: Session, c: Command) -> Result:
 
 def _request_message(_v: Vehicle, session: Session, c: Command) -> Result:
     message_id = _integer(c.p1)
+    if message_id == AVAILABLE_MODES:
+        modes = available_modes(_integer(c.p2) or 0)
+        for mode in modes:
+            session.send(mode)
+        return Result.ACCEPTED if modes else Result.DENIED
     return Result.ACCEPTED if message_id is not None and session.request(message_id) else Result.DENIED
+
+
+def _request_protocol(_v: Vehicle, session: Session, _c: Command) -> Result:
+    session.request(PROTOCOL_VERSION)
+    return Result.ACCEPTED
 
 
 def _request_version(_v: Vehicle, session: Session, _c: Command) -> Result:
@@ -166,6 +177,7 @@ HANDLERS: dict[int, Handler] = {
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
     mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: _get_message_interval,
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
+    mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: _request_protocol,
     mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_version,
     mavlink.MAV_CMD_GET_HOME_POSITION: _get_home,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,

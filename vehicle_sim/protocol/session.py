@@ -39,6 +39,9 @@ class Session:
         self._default_us = intervals_us
         for message_id in intervals_us:
             self.set_interval(message_id, 0)
+        if vehicle.range_sensor is not None and mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE in intervals_us:
+            interval_us = round(1e6 / vehicle.range_sensor.config.rate_hz)
+            self.set_interval(mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, interval_us)
 
     def skip_sequence(self, count: int) -> None:
         """Leave sequence numbers to frames that were sent outside the session."""

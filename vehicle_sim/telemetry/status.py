@@ -3,7 +3,7 @@
 Times are microseconds or milliseconds since boot, never the wall clock.
 """
 
-from math import hypot
+from math import hypot, sqrt
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -26,6 +26,8 @@ _PREARM_CHECK = 0x10000000
 _UINT16_UNKNOWN = 65535
 _ESTIMATOR_FLAGS_GOOD = 831
 _GPS_FIX_AFTER_S = 2.0
+_INNOVATION_GATE = 5.0
+_ROOT2 = sqrt(2.0)
 
 
 def heartbeat(v: Vehicle) -> Any:
@@ -66,7 +68,7 @@ def gps_raw_int(v: Vehicle) -> Any:
     found = v.t_s >= _GPS_FIX_AFTER_S and not v.failures.gps_lost
     fix = mavlink.GPS_FIX_TYPE_3D_FIX if found else mavlink.GPS_FIX_TYPE_NO_FIX
     place = v.geo.to_geodetic(r.gps_ned_m)
-    vn, ve, _ = v.state.velocity_ned_mps
+    vn, ve, _ = r.gps_velocity_mps
     millimetres = int32(place.altitude_m * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
         v.t_us,
@@ -124,11 +126,20 @@ def extended_sys_state(v: Vehicle) -> Any:
 
 
 def estimator_status(v: Vehicle) -> Any:
-    """ESTIMATOR_STATUS."""
+    """ESTIMATOR_STATUS: each test ratio is an innovation over its gate, each accuracy one standard deviation."""
     ready = v.autopilot.commander.is_ready()
-    std = v.config.sensors.estimate_position_std_m
+    a, z = v.accuracy, v.flight.innovation.tolist()
     return mavlink.MAVLink_estimator_status_message(
-        v.t_us, _ESTIMATOR_FLAGS_GOOD if ready else 1, 0.05, 0.05, 0.05, 0.05, 0.0, 0.0, std, std
+        v.t_us,
+        _ESTIMATOR_FLAGS_GOOD if ready else 1,
+        _test_ratio(hypot(z[3], z[4]), a.gps_velocity_mps),
+        _test_ratio(hypot(z[0], z[1]), a.gps_position_m),
+        _test_ratio(z[6], a.barometer_m),
+        _test_ratio(z[7], a.compass_rad),
+        0.0,
+        0.0,
+        _ROOT2 * a.position_m,
+        a.height_m,
     )
 
 
@@ -209,6 +220,10 @@ def vibration(v: Vehicle) -> Any:
 
 def _ms(v: Vehicle) -> int:
     return v.t_us // 1000
+
+
+def _test_ratio(innovation: float, std: float) -> float:
+    return abs(innovation) / (_INNOVATION_GATE * std) if std > 0.0 else 0.0
 
 
 def _is_landing(v: Vehicle) -> bool:

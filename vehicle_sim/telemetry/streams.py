@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from vehicle_sim.telemetry import identity, motion, status
+from vehicle_sim.telemetry import identity, motion, ranging, status
 from vehicle_sim.vehicle import Vehicle
 
 Builder = Callable[[Vehicle], Any]
@@ -35,9 +35,12 @@ STREAMS: dict[int, tuple[Builder, int]] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: (status.home_position, 2_000_000),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: (status.battery_status, 2_000_000),
     mavlink.MAVLINK_MSG_ID_VIBRATION: (status.vibration, 2_000_000),
+    identity.CURRENT_MODE: (identity.current_mode, 2_000_000),
+    identity.PROTOCOL_VERSION: (identity.protocol_version, 0),
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: (status.gps_global_origin, 0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (identity.autopilot_version, 0),
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: (motion.hil_state_quaternion, 0),
+    mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: (ranging.obstacle_distance, 0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (identity.mission_current, 1_000_000),
 }
 DEFAULT_INTERVALS_US: dict[int, int] = {number: interval_us for number, (_, interval_us) in STREAMS.items()}

@@ -1,9 +1,10 @@
 import datetime
 
 from google.protobuf import timestamp_pb2 as _timestamp_pb2
+from google.protobuf.internal import containers as _containers
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
-from collections.abc import Mapping as _Mapping
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
 from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
@@ -109,3 +110,53 @@ class MissionState(_message.Message):
     landed: bool
     reason: str
     def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., state: _Optional[str] = ..., autopilot_mode: _Optional[str] = ..., armed: _Optional[bool] = ..., landed: _Optional[bool] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class PlanUpdate(_message.Message):
+    __slots__ = ("timestamp", "verdict", "reason", "heard_s", "from_s", "period_s", "route_m", "reference_m", "region", "first_region", "regions")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    HEARD_S_FIELD_NUMBER: _ClassVar[int]
+    FROM_S_FIELD_NUMBER: _ClassVar[int]
+    PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    ROUTE_M_FIELD_NUMBER: _ClassVar[int]
+    REFERENCE_M_FIELD_NUMBER: _ClassVar[int]
+    REGION_FIELD_NUMBER: _ClassVar[int]
+    FIRST_REGION_FIELD_NUMBER: _ClassVar[int]
+    REGIONS_FIELD_NUMBER: _ClassVar[int]
+    timestamp: _timestamp_pb2.Timestamp
+    verdict: str
+    reason: str
+    heard_s: float
+    from_s: float
+    period_s: float
+    route_m: _containers.RepeatedScalarFieldContainer[float]
+    reference_m: _containers.RepeatedScalarFieldContainer[float]
+    region: _containers.RepeatedScalarFieldContainer[int]
+    first_region: int
+    regions: _containers.RepeatedCompositeFieldContainer[Region]
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., verdict: _Optional[str] = ..., reason: _Optional[str] = ..., heard_s: _Optional[float] = ..., from_s: _Optional[float] = ..., period_s: _Optional[float] = ..., route_m: _Optional[_Iterable[float]] = ..., reference_m: _Optional[_Iterable[float]] = ..., region: _Optional[_Iterable[int]] = ..., first_region: _Optional[int] = ..., regions: _Optional[_Iterable[_Union[Region, _Mapping]]] = ...) -> None: ...
+
+class Region(_message.Message):
+    __slots__ = ("ring_m", "half_planes")
+    RING_M_FIELD_NUMBER: _ClassVar[int]
+    HALF_PLANES_FIELD_NUMBER: _ClassVar[int]
+    ring_m: _containers.RepeatedScalarFieldContainer[float]
+    half_planes: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, ring_m: _Optional[_Iterable[float]] = ..., half_planes: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class ReportedObstacle(_message.Message):
+    __slots__ = ("timestamp", "name", "source", "heard_s", "height_m", "ring_m")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    HEARD_S_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    RING_M_FIELD_NUMBER: _ClassVar[int]
+    timestamp: _timestamp_pb2.Timestamp
+    name: str
+    source: str
+    heard_s: float
+    height_m: float
+    ring_m: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., name: _Optional[str] = ..., source: _Optional[str] = ..., heard_s: _Optional[float] = ..., height_m: _Optional[float] = ..., ring_m: _Optional[_Iterable[float]] = ...) -> None: ...

@@ -1,0 +1,244 @@
+"""`Rerouting`: what becomes of reported obstacles, from the first look to a new plan in force (pure; time is an argument).
+
+State: the obstacles known, the plan in force, the question under way. Input, each tick: reports, the reference's own
+time sigma, where the vehicle is, the planner's answer. Output: `RerouteOrders`.
+
+    report ──> malformed, outside the world, known already ──> a line in the log
+           ├─> on top of the vehicle ────────────────────────> stop at once
+           ├─> keeps clear of what is left of the corridor ──> remembered; the plan stands
+           └─> else ─> question to the planner, from sigma + lead on
+                          ├─ answer in time: adopt the new plan, or the stop it brings
+                          ├─ late: ask again, with twice the lead; after `replan.tries` stop at once
+                          └─ no proven plan: stop at once
+
+Until the answer the old plan is flown on, but no further than where the vehicle could still stop before the obstacle:
+there it begins to slow down along its plan (the way is barred), and goes on when the new plan is adopted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.mission.reports import ObstacleReport, Source
+from sandwich_sitl.mission.sightings import Explained
+from sandwich_sitl.planning.corridor import between_samples_m, speeds_mps
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.replan import Question, Replan, Verdict, change_over
+from sandwich_sitl.world.world import matter
+
+Array = NDArray[np.float64]
+
+_COVERED_M = 1e-3  # an outline that leaves a known obstacle by no more says nothing new
+_STOP_SHARE = 1.875 / 2  # of v / brake: the reference's time that a stop along the plan uses up (`stop_plan`)
+_ON_TIME_S = 1e-6
+_SPARE_S = 0.3  # delay of the vehicle, and ticks
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """`sigma_s`, the reference's own time; whether the reference is being flown; the position (3,) if it is known."""
+
+    sigma_s: float
+    flying: bool
+    r_m: Array | None
+
+
+@dataclass(frozen=True)
+class Adopted:
+    """A new plan that goes into force at `t_s`, for reports that were heard at `heard_s`."""
+
+    t_s: float
+    heard_s: float
+    from_s: float
+    replan: Replan
+
+
+@dataclass(frozen=True)
+class RerouteOrders:
+    """What the run does this tick: ask the planner, adopt its answer, let the way be barred. `new` are the reports that
+    were taken in; `log` lines (level, text).
+    """
+
+    ask: Question | None = None
+    adopted: Adopted | None = None
+    barred: bool = False
+    new: tuple[ObstacleReport, ...] = ()
+    log: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """How a new plan is asked for: for reports of which the first was heard at `heard_s`, for the n-th time."""
+
+    heard_s: float
+    number: int
+    lead_s: float
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """A question under way, and when its answer is needed."""
+
+    question: Question
+    due_s: float
+
+
+class Rerouting:
+    """Book-keeping of one flight. `plan` is the plan before take-off."""
+
+    def __init__(self, config: RunConfig, plan: FlightPlan) -> None:
+        self._config, self._bounds_m = config, plan.bounds_m
+        self._reference, self._corridor = plan.reference, plan.corridor
+        self._period_s = 1.0 / config.mpc.rate_hz
+        self._known = [shapely.Polygon(ring) for ring in plan.obstacles_m]
+        self._names = set(plan.obstacle_names)
+        self._explained = Explained.by(self._known)
+        self._unlearnt: list[ObstacleReport] = []  # what the planner has not been told yet
+        self._attempt: _Attempt | None = None  # set while the plan in force needs another
+        self._pending: _Pending | None = None
+        self._conflict_s = np.inf  # when the reference meets an obstacle
+        self._given_up = ""
+
+    @property
+    def explained(self) -> Explained:
+        """Every obstacle known so far."""
+        return self._explained
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is being planned: what a sensor sees meanwhile it will see again."""
+        return self._pending is None
+
+    @property
+    def given_up(self) -> str:
+        """Why the vehicle stops for good; empty while there is a way on."""
+        return self._given_up
+
+    @property
+    def due_s(self) -> float:
+        """When the answer is needed, run clock; infinite when nothing was asked."""
+        return np.inf if self._pending is None else self._pending.due_s
+
+    def step(
+        self, now_s: float, at: Whereabouts, reports: Sequence[ObstacleReport], answer: Replan | None
+    ) -> RerouteOrders:
+        """One tick."""
+        log: list[tuple[str, str]] = []
+        new = tuple(report for report in reports if self._hear(at, report, log))
+        if self._attempt is not None and self._config.mode == "paper":
+            self._give_up("paper mode plans before take-off only", log)
+        if self._given_up:
+            return RerouteOrders(barred=True, new=new, log=tuple(log))
+        adopted = self._answered(now_s, at, answer, log) if answer is not None else None
+        ask = None
+        if self._attempt is not None and self._pending is None and not self._given_up:
+            ask = self._ask(now_s, at, self._attempt)
+        return RerouteOrders(ask, adopted, bool(self._given_up) or self._too_near(at), new, tuple(log))
+
+    def _hear(self, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
+        """Take in a report; whether it says anything new."""
+        obstacle, radius_m = report.obstacle, self._config.planner.vehicle_radius_m
+        reach_m = radius_m + self._config.planner.margin_m
+        if not matter([obstacle.polygon], self._bounds_m, reach_m)[0]:
+            log.append(("warning", f"obstacle '{obstacle.name}' lies outside the world and is left alone"))
+            return False
+        beside = self._explained.tree.query(obstacle.polygon)
+        if any(self._known[k].buffer(_COVERED_M).covers(obstacle.polygon) for k in beside.tolist()):
+            log.append(("debug", f"obstacle '{obstacle.name}' is known already"))
+            return False
+        if obstacle.name in self._names and report.source is Source.MESSAGE:
+            log.append(("warning", f"obstacle '{obstacle.name}' is reported elsewhere too: both outlines count"))
+        self._known.append(obstacle.polygon)
+        self._names.add(obstacle.name)
+        self._explained = Explained.by(self._known)
+        self._unlearnt.append(report)
+        if at.r_m is not None and obstacle.polygon.distance(shapely.Point(at.r_m[:2])) < radius_m:
+            self._give_up(f"obstacle '{obstacle.name}' is reported on top of the vehicle", log)
+            return True
+        touches = self._check(at, report)
+        log.append(("info", f"obstacle '{obstacle.name}' heard of: {_account(touches)}"))
+        return True
+
+    def _check(self, at: Whereabouts, report: ObstacleReport) -> bool:
+        """Whether the plan in force must give way to an obstacle; if so, another is asked for."""
+        touches = self._touches(at.sigma_s, report.obstacle.polygon)
+        if touches and self._attempt is None:
+            # Whole periods, and one less than the budget holds, since a report may be a period old when it is read.
+            periods = max(1, int(self._config.replan.budget_s / self._period_s + 1e-9) - 1)
+            self._attempt = _Attempt(report.heard_s, 1, periods * self._period_s)
+        return touches
+
+    def _touches(self, sigma_s: float, polygon: shapely.Polygon) -> bool:
+        """Whether what is left of the corridor is no longer proven; notes when the reference meets the obstacle."""
+        k = change_over(self._reference, sigma_s)
+        t_s, xy, region = self._reference.t_s[k:], self._reference.xyz_m[k:, :2], self._reference.region[k:]
+        left = np.unique(region)
+        bound_m = 0.0
+        if len(t_s) > 1:
+            fastest = float(speeds_mps(t_s, xy).max())
+            bound_m = float(between_samples_m(np.array(fastest), self._config.mpc.step_s))
+        kept_m = self._config.planner.vehicle_radius_m + bound_m
+        regions = [shapely.Polygon(self._corridor.polygons_m[m]) for m in left.tolist()]
+        if not len(shapely.STRtree(regions).query(polygon, predicate="dwithin", distance=kept_m)):
+            return False
+        near = np.flatnonzero(shapely.dwithin(shapely.points(xy), polygon, kept_m))
+        if near.size:
+            self._conflict_s = min(self._conflict_s, float(t_s[near[0]]))
+        return True
+
+    def _too_near(self, at: Whereabouts) -> bool:
+        """Whether the vehicle must begin to stop now to rest before the obstacle."""
+        if not at.flying or not np.isfinite(self._conflict_s):
+            return False
+        k = change_over(self._reference, at.sigma_s)
+        ahead = self._reference.xyz_m[k : k + 2]
+        speed = float(np.linalg.norm(np.diff(ahead, axis=0))) / self._period_s if len(ahead) > 1 else 0.0
+        stop_s = _STOP_SHARE * speed / self._config.mission.brake_mps2 + _SPARE_S
+        return at.sigma_s + stop_s >= self._conflict_s
+
+    def _ask(self, now_s: float, at: Whereabouts, attempt: _Attempt) -> Question:
+        from_s = at.sigma_s + attempt.lead_s if at.flying else 0.0
+        from_s = float(self._reference.t_s[change_over(self._reference, from_s)])
+        new, self._unlearnt = tuple(report.obstacle for report in self._unlearnt), []
+        question = Question(new, self._reference, self._corridor, from_s)
+        self._pending = _Pending(question, now_s + attempt.lead_s)
+        return question
+
+    def _answered(self, now_s: float, at: Whereabouts, answer: Replan, log: list[tuple[str, str]]) -> Adopted | None:
+        assert self._pending is not None, "an answer belongs to a question"
+        assert self._attempt is not None
+        question, self._pending = self._pending.question, None
+        attempt, self._attempt = self._attempt, None
+        if answer.verdict is Verdict.NONE:
+            self._give_up(answer.why, log)
+            return None
+        if at.flying and at.sigma_s > question.from_s + _ON_TIME_S:
+            self._late(attempt, log)
+            return None
+        self._reference, self._corridor, self._conflict_s = answer.reference, answer.corridor, np.inf
+        for report in self._unlearnt:  # heard while this was planned
+            self._check(at, report)
+        if answer.verdict is Verdict.ROUTE:
+            log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
+        else:
+            log.append(("warning", f"no way on to the goal: {answer.why}; stopping on the way planned before"))
+        return Adopted(now_s, attempt.heard_s, question.from_s, answer)
+
+    def _late(self, attempt: _Attempt, log: list[tuple[str, str]]) -> None:
+        if attempt.number >= self._config.replan.tries:
+            self._give_up(f"the planner was late {attempt.number} times", log)
+            return
+        log.append(("warning", f"the new plan came later than the {attempt.lead_s:.2f} s it was given; asked again"))
+        self._attempt = _Attempt(attempt.heard_s, attempt.number + 1, 2 * attempt.lead_s)
+
+    def _give_up(self, why: str, log: list[tuple[str, str]]) -> None:
+        self._given_up = why
+        log.append(("error", f"no plan to fly on: {why}; braking along the last one"))
+
+
+def _account(touches: bool) -> str:
+    return "it touches the corridor, a new plan is asked for" if touches else "the plan keeps clear of it and stands"

@@ -1,0 +1,158 @@
+"""Who plans while the vehicle flies: `PlannerProcess` beside the loop in real time, `InlinePlanner` in lockstep.
+
+Both keep what is known of the ground, learn each question's obstacles for good, and answer with `replan`. In real time
+planning takes several ticks, and Python's lock would let a thread of planning hold up the loop; so it runs in a process
+of its own, which is started and has planned once before there is a flight. In lockstep the vehicle's clock stands still
+meanwhile: the answer is computed when it is collected, at a fixed simulation time, so that equal seeds give equal bytes.
+"""
+
+import multiprocessing
+import signal
+import time
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+import shapely
+
+from sandwich_sitl.config import RunConfig
+from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.replan import Known, Question, Replan, Verdict, learnt, replan
+from sandwich_sitl.world.world import Obstacle
+
+_START_S = 60.0
+_STOP_S = 5.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A plan, and the wall time that it took."""
+
+    replan: Replan
+    wall_s: float
+
+
+class Planner(Protocol):
+    """Answers one question at a time."""
+
+    def ask(self, question: Question) -> None:
+        """Begin to plan."""
+
+    def answer(self) -> Answer | None:
+        """The answer, or None while there is none yet."""
+
+    def close(self) -> None:
+        """End."""
+
+
+class InlinePlanner:
+    """Plans when it is asked for the answer."""
+
+    def __init__(self, config: RunConfig, plan: FlightPlan) -> None:
+        self._config, self._plan = config, plan
+        self._known: Known | None = None
+        self._question: Question | None = None
+
+    def ask(self, question: Question) -> None:
+        """Keep the question."""
+        self._question = question
+
+    def answer(self) -> Answer | None:
+        """Plan now."""
+        if self._question is None:
+            return None
+        question, self._question = self._question, None
+        begun = time.perf_counter()
+        known = Known.of(self._plan) if self._known is None else self._known
+        self._known = learnt(self._config, known, question.obstacles)
+        found = replan(self._config, self._known, question)
+        return Answer(found, time.perf_counter() - begun)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class PlannerProcess:
+    """A process that plans; context manager. Creating one waits until it is ready, at most `_START_S`."""
+
+    def __init__(self, config: RunConfig, plan: FlightPlan) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, config, plan), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._asked: Question | None = None
+        self._ready = self._connection.poll(_START_S) and self._received() == "ready"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def ask(self, question: Question) -> None:
+        """Send the question."""
+        self._asked = question
+        if self._ready:
+            try:
+                self._connection.send(question)
+            except OSError:
+                self._ready = False
+
+    def answer(self) -> Answer | None:
+        """What the process has answered; a process that is gone has no plan."""
+        if self._asked is None:
+            return None
+        if self._ready and not self._connection.poll():
+            return None
+        question, found = self._asked, self._received() if self._ready else None
+        self._asked = None
+        if isinstance(found, Answer):
+            return found
+        self._ready = False
+        gone = Replan(Verdict.NONE, question.reference, question.corridor, np.empty((0, 2)), "the planner has ended")
+        return Answer(gone, 0.0)
+
+    def close(self) -> None:
+        """End the process; a second call does nothing."""
+        self._connection.close()
+        self._process.join(_STOP_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join(_STOP_S)
+
+    def _received(self) -> object:
+        try:
+            received: object = self._connection.recv()
+        except (EOFError, OSError):
+            return None
+        return received
+
+
+def _serve(connection: Connection, config: RunConfig, plan: FlightPlan) -> None:
+    """The process: plan once for practice, then answer until the other side closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the mission's
+    planner = InlinePlanner(config, plan)
+    rehearse(config, plan)
+    connection.send("ready")
+    while True:
+        try:
+            question = connection.recv()
+        except EOFError:
+            return
+        planner.ask(question)
+        connection.send(planner.answer())
+
+
+def rehearse(config: RunConfig, plan: FlightPlan) -> None:
+    """Plan round a thing in the middle of the route: what is compiled or loaded at first use is then at hand."""
+    reference = plan.reference
+    x, y = reference.xyz_m[len(reference.t_s) * 2 // 3, :2].tolist()
+    planner = InlinePlanner(config, plan)
+    thing = Obstacle("rehearsal", shapely.box(x - 0.3, y - 0.3, x + 0.3, y + 0.3))
+    planner.ask(Question((thing,), reference, plan.corridor, float(reference.t_s[len(reference.t_s) // 2])))
+    planner.answer()

@@ -1,0 +1,84 @@
+"""What obstacles that were not known before take-off made of a flight, read from its log alone.
+
+Obstacles that count for the clearance: those of the vehicle's own configuration (the true ones, from the time at which
+they appear) and those that were reported by name and outline (from when they were heard of). What a range sensor saw
+is a guess about the true ones, and does not count.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sandwich_sitl.planning.flight_plan import Corridor
+from sandwich_sitl.recording.reader import RunLog
+
+Array = NDArray[np.float64]
+Section = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Appeared:
+    """An obstacle that is there from `t_s` on."""
+
+    name: str
+    t_s: float
+    polygon: shapely.Polygon
+
+
+def appeared(log: RunLog) -> tuple[Appeared, ...]:
+    """Obstacles that the map did not show: the vehicle's own, then the reported ones."""
+    configuration = json.loads(log.metadata.get("vehicle", {}).get("configuration", "{}"))
+    hidden = configuration.get("vehicle", {}).get("obstacles", ())
+    own = tuple(Appeared(o["name"], float(o["appears_s"]), shapely.Polygon(o["polygon_m"])) for o in hidden)
+    named = tuple(Appeared(o.name, o.heard_s, shapely.Polygon(o.ring_m)) for o in log.reported if o.source == "message")
+    return own + named
+
+
+def appeared_clearance_m(log: RunLog, flown: NDArray[np.bool_]) -> float | None:
+    """Least distance of the true path, at its samples `flown` (N,), to obstacles while they were there."""
+    least = []
+    for obstacle in appeared(log):
+        xy = log.truth.r_m[flown & (log.truth.t_s >= obstacle.t_s), :2]
+        if len(xy):
+            path = shapely.LineString(xy) if len(xy) > 1 else shapely.Point(xy[0])
+            least.append(float(shapely.distance(obstacle.polygon, path)))
+    return min(least, default=None)
+
+
+def whole_corridor(log: RunLog) -> Corridor | None:
+    """Every region of the flight by its number: those of the plan before take-off, then those of each new one."""
+    if log.plan is None:
+        return None
+    parts = [log.plan.corridor, *(update.corridor for update in log.updates)]
+    return Corridor(
+        np.concatenate([part.Lambda for part in parts]),
+        np.concatenate([part.Gamma for part in parts]),
+        tuple(ring for part in parts for ring in part.polygons_m),
+        np.concatenate([part.neighbours_m for part in parts]),
+        log.plan.corridor.z_m,
+    )
+
+
+def detours_section(log: RunLog) -> Section:
+    """How many obstacles were heard of and how many plans they led to; seconds from report to set-point, and wall time."""
+    waits_s = np.array([update.t_s - update.heard_s for update in log.updates])
+    wall_ms = 1e3 * np.array(json.loads(log.metadata.get("replans", {}).get("wall_s", "[]")))
+    return {
+        "obstacles": len(log.reported),
+        "replans": len(log.updates),
+        "routes": sum(update.verdict == "route" for update in log.updates),
+        "stops": sum(update.verdict == "stop" for update in log.updates),
+        "report_to_setpoint_s": _middle_and_most(waits_s),
+        "planning_ms": _middle_and_most(wall_ms),
+        "reasons": list(dict.fromkeys(update.reason for update in log.updates if update.reason)),
+    }
+
+
+def _middle_and_most(values: Array) -> Section:
+    if not values.size:
+        return {"p50": None, "max": None}
+    return {"p50": float(np.median(values)), "max": float(values.max())}
