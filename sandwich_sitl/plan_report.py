@@ -2,9 +2,12 @@
 
 from math import isnan
 
+import shapely
+
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.decomposition import areas_m2
 from sandwich_sitl.planning.flight_plan import FlightPlan, FloorPlan
+from sandwich_sitl.planning.outlines import Outlines
 
 
 def plan_report(plan: FlightPlan) -> str:
@@ -53,7 +56,11 @@ def plan_report(plan: FlightPlan) -> str:
 
 def _corridor_lines(plan: FlightPlan) -> list[str]:
     """Area per step beside the paper's quadrangle and a free-space decomposition, and what was proven."""
-    own, paper, free = areas_m2(plan)
+    outlines = Outlines(
+        [shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m,
+        plan.blocking_heights_m + plan.vehicle_radius_m,
+    )  # fmt: skip
+    own, paper, free = areas_m2(plan.reference, plan.corridor, outlines)
     lines = [
         f"corridor  {own:.1f} m2 a step; the paper's quadrangle {paper:.1f}, a free-space decomposition {free:.1f}"
     ]

@@ -1,6 +1,7 @@
 """Other people's planners on the same questions, each where it is installed."""
 
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -8,26 +9,35 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sandwich_sitl.planning.baselines import exact_shortest_path
+from sandwich_sitl.planning.baselines import VisibilityGraph, path_points
 from sandwich_sitl.planning.free_space import FreeSpace
+from sandwich_sitl.planning.funnel import pulled_tight
+from sandwich_sitl.planning.nav_mesh import build_nav_mesh
+from sandwich_sitl.planning.search import Graph, Links, astar
 from sandwich_sitl.world.grow import GrownWorld
 
 Array = NDArray[np.float64]
 Query = Callable[[Array, Array], Array | None]
 Prepare = Callable[[GrownWorld, int], Query | None]
 
-OMPL_S = 1.0
+OMPL_S = (0.01, 1.0)  # what a tight query takes at most, and what sampling takes to come near
+_OMPL = ("BITstar", "RRTstar", "PRMstar")
 _MOST_CORNERS = 400  # for planners whose preparation grows with the square of the corners or worse
 
 
 def peers() -> dict[str, Prepare]:
     """Name and preparation of every peer at hand: from a grown world and a number of nodes to a query, or None."""
-    known: tuple[tuple[str, str, Prepare], ...] = (
+    known: list[tuple[str, str, Prepare]] = [
         ("visibility graph", "shapely", _visibility_graph),
+        ("navmesh A*, funnel", "pythoncdt", _mesh_funnel),
         ("extremitypathfinder", "extremitypathfinder", _extremities),
         ("pyastar2d", "pyastar2d", _pyastar2d),
-        (f"OMPL BIT* {OMPL_S:g} s", "ompl", _ompl),
-    )
+    ]
+    known += [
+        (f"OMPL {planner} {seconds:g} s", "ompl", partial(_ompl, planner=planner, seconds=seconds))
+        for seconds in OMPL_S
+        for planner in _OMPL
+    ]
     return {name: prepare for name, package, prepare in known if find_spec(package) is not None}
 
 
@@ -36,12 +46,35 @@ def _corners(grown: GrownWorld) -> int:
 
 
 def _visibility_graph(grown: GrownWorld, _: int) -> Query | None:
-    """Built anew for each query, so its times count the building."""
     if _corners(grown) > _MOST_CORNERS:
         return None
     rings = grown.rings_m()
-    free = FreeSpace(rings, grown.bounds_m)
-    return lambda start, goal: exact_shortest_path(free, rings, start, goal)
+    return VisibilityGraph.of(FreeSpace(rings, grown.bounds_m), rings).path
+
+
+def _mesh_funnel(grown: GrownWorld, _: int) -> Query | None:
+    """A* over the middles of the sides that a mesh's triangles share, then the funnel: a game's navigation mesh."""
+    mesh = build_nav_mesh(grown)
+    triangle, side = np.nonzero(mesh.beyond >= 0)
+    ends = np.sort(np.column_stack([mesh.triangles[triangle, side], mesh.triangles[triangle, (side + 1) % 3]]), axis=1)
+    sides, number = np.unique(ends, axis=0, return_inverse=True)
+    of_side = np.full(mesh.triangles.shape, -1)
+    of_side[triangle, side] = number.ravel()
+    pairs = np.concatenate([of_side[:, [0, 1]], of_side[:, [1, 2]], of_side[:, [2, 0]]])
+    graph = Graph.from_edges(mesh.xy_m[sides].mean(axis=1), pairs[(pairs >= 0).all(axis=1)])
+
+    def links(point: Array) -> Links:
+        nodes = np.unique(of_side[mesh.index.holding(point)])
+        nodes = nodes[nodes >= 0]
+        return list(zip(nodes.tolist(), np.hypot(*(graph.xy_m[nodes] - point).T).tolist(), strict=True))
+
+    def query(start: Array, goal: Array) -> Array | None:
+        if set(mesh.index.holding(start)) & set(mesh.index.holding(goal)):
+            return np.stack([start, goal])
+        found = astar(graph, links(start), goal, links(goal))
+        return None if found is None else pulled_tight(mesh, path_points(graph, found, start, goal))
+
+    return query
 
 
 def _extremities(grown: GrownWorld, _: int) -> Query | None:
@@ -87,8 +120,8 @@ def _pyastar2d(grown: GrownWorld, nodes: int) -> Query | None:
     return query
 
 
-def _ompl(grown: GrownWorld, _: int) -> Query | None:
-    """BIT* for `OMPL_S` a query, its motions tested with shapely."""
+def _ompl(grown: GrownWorld, _: int, planner: str, seconds: float) -> Query | None:
+    """A planner of OMPL for some seconds a query, its motions tested with shapely."""
     from ompl import base, geometric, util
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
@@ -107,8 +140,8 @@ def _ompl(grown: GrownWorld, _: int) -> Query | None:
         setup.setStateValidityChecker(lambda state: not shapely.contains_xy(solid, state[0], state[1]))
         setup.getSpaceInformation().setStateValidityCheckingResolution(0.002)
         setup.setStartAndGoalStates(_state(space, start), _state(space, goal))
-        setup.setPlanner(geometric.BITstar(setup.getSpaceInformation()))
-        if not setup.solve(OMPL_S) or not setup.haveExactSolutionPath():
+        setup.setPlanner(getattr(geometric, planner)(setup.getSpaceInformation()))
+        if not setup.solve(seconds) or not setup.haveExactSolutionPath():
             return None
         return np.array([[state[0], state[1]] for state in setup.getSolutionPath().getStates()])
 

@@ -10,6 +10,7 @@ from shapely import Polygon
 from shapely.affinity import rotate
 
 from sandwich_sitl.config import load_config
+from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.map_graph import MapGraph, links
 from sandwich_sitl.world.grow import GrownWorld, grow
 from sandwich_sitl.world.importers import ImportOptions, read_world
@@ -27,14 +28,27 @@ _NEAREST = 0.25  # of the extent: questions whose ends are nearer say little
 
 @dataclass(frozen=True)
 class BenchWorld:
-    """A grown world under a name."""
+    """A world under a name, and grown by the vehicle's radius and a margin."""
 
     name: str
+    world: World
+    radius_m: float
+    margin_m: float
     grown: GrownWorld
 
+    @property
+    def bodies(self) -> list[Polygon]:
+        """The obstacles as they were given."""
+        return [obstacle.polygon for obstacle in self.world.obstacles]
 
-def random_world(seed: int, reach_m: float) -> BenchWorld:
-    """Buildings turned at will, a third of them angles, over 200 m x 120 m, grown by `reach_m`."""
+
+def random_world(seed: int, radius_m: float, margin_m: float) -> BenchWorld:
+    """The random town of a seed, grown by radius and margin."""
+    return _grown(f"random {seed}", random_town(seed), radius_m, margin_m)
+
+
+def random_town(seed: int) -> World:
+    """Buildings turned at will, a third of them angles, over 200 m x 120 m."""
     rng = np.random.default_rng(seed)
     width, height = _RANDOM_M
     shapes: list[Polygon] = []
@@ -44,21 +58,29 @@ def random_world(seed: int, reach_m: float) -> BenchWorld:
         if rng.integers(0, 3) == 0:
             shape = shape.difference(shapely.box(x + 0.4 * a, y + 0.4 * b, x + a, y + b))
         shapes.append(rotate(shape, rng.uniform(0, 360)))
-    world = World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
-    return BenchWorld(f"random {seed}", grow(world, reach_m, _DETAIL_M))
+    return World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
 
 
-def world_of_file(path: Path, reach_m: float) -> BenchWorld:
-    """The world of a run configuration, grown as it says, or of a map file, grown by `reach_m`.
+def world_of_file(path: Path, radius_m: float, margin_m: float) -> BenchWorld:
+    """The world of a run configuration with its own radius and margin, or that of a map file.
 
-    Raises `InputError` as the readers do.
+    Raises `InputError` as the readers do, and when growing leaves no ground.
     """
     if is_run_file(path):
         config = load_config(path)
         planner = config.planner
-        own_reach = planner.vehicle_radius_m + planner.margin_m
-        return BenchWorld(config.name, grow(load_world(config.world, path), own_reach, _DETAIL_M))
-    return BenchWorld(path.stem, grow(read_world(path, ImportOptions()).world, reach_m, _DETAIL_M))
+        return _grown(path.stem, load_world(config.world, path), planner.vehicle_radius_m, planner.margin_m)
+    return _grown(path.stem, read_world(path, ImportOptions()).world, radius_m, margin_m)
+
+
+def _grown(name: str, world: World, radius_m: float, margin_m: float) -> BenchWorld:
+    grown = grow(world, radius_m + margin_m, _DETAIL_M)
+    if grown.free_area_m2 <= 0.0:
+        raise InputError(
+            f"{name}: nothing is free once obstacles are grown by {radius_m + margin_m:g} m and what they enclose is "
+            "filled; give a run's YAML with world.inside_m, or a smaller --radius and --margin"
+        )
+    return BenchWorld(name, world, radius_m, margin_m, grown)
 
 
 def questions(grown: GrownWorld, map_graph: MapGraph, count: int, seed: int) -> list[tuple[Array, Array]]:

@@ -67,6 +67,12 @@ class VehicleEstimator:
         self._measured_s = -np.inf
         self.motion = state.copy()
 
+    def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
+        """A new estimate of a vehicle that is at `state` (12,) and keeps only its delay."""
+        fresh = VehicleEstimator(self._config, self._period_s, t_s, state)
+        fresh.delay_s = self.delay_s
+        return fresh
+
     @property
     def offset_m(self) -> Array:
         """What is aimed off (3,) now."""

@@ -92,8 +92,11 @@ class Tracker:
 
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
-        dt = min(max(t_s - self._last_s, 0.0), _MOST_PERIODS * self._period_s)
-        self._last_s = t_s
+        gap_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        dt = min(gap_s, _MOST_PERIODS * self._period_s)
+        if gap_s > dt and not self._lifting and np.isfinite(r_m).all() and np.isfinite(v_mps).all():
+            self._pick_up(t_s, gap_s, r_m + age_s * v_mps, v_mps)
+            dt = self._period_s
         self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
         if not self._lifting:
@@ -109,6 +112,20 @@ class Tracker:
             asked, snap = self._push_off(r_m, v_mps), snap * (1.0, 1.0, 0.0)
         self.estimator.commanded(t_s, asked)
         return self._tick(solution, rung, fault, snap, self._rest_of_stop(t_s))
+
+    def _pick_up(self, t_s: float, gap_s: float, r_m: Array, v_mps: Array) -> None:
+        """After a pause of this process: the vehicle went on with its last set-point, so the plan begins where it is now,
+        and the reference where the vehicle has come to along it, as fast as the vehicle is.
+        """
+        times = self.clock.t_s + np.arange(0.0, gap_s + self._period_s, self._period_s)
+        places = self._sample(times)[0]
+        nearest = int(np.argmin(((places - r_m) ** 2).sum(axis=1)))
+        here, there = self._sample(times[nearest] + np.array([0.0, self._period_s]))[0]
+        pace_mps = (there - here) / self._period_s
+        rate = float(v_mps @ pace_mps) / max(float(pace_mps @ pace_mps), 1e-6)
+        self.clock.follow(float(times[nearest]), min(max(rate, 0.0), 1.0))
+        self.command = np.concatenate([r_m, v_mps, np.zeros(6)])
+        self.estimator = self.estimator.restarted(t_s, self.command)
 
     def _await_lift_off(self, t_s: float, r_m: Array) -> None:
         """Autopilots leave the ground in their own time: the reference goes along with the vehicle until it has.

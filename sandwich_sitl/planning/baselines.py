@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.free_space import FreeSpace
-from sandwich_sitl.planning.search import FoundPath, Graph, Links, astar, grid_edges
+from sandwich_sitl.planning.search import FoundPath, Graph, Links, astar, grid_edges, knights_edges
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class UniformGrid:
-    """A uniform 8-connected grid over the bounds, without the edges that enter an obstacle."""
+    """A uniform grid over the bounds, without the edges that enter an obstacle."""
 
     free: FreeSpace
     graph: Graph
@@ -31,14 +31,18 @@ class UniformGrid:
         return None if found is None else path_points(self.graph, found, start, goal)
 
 
-def uniform_grid(free: FreeSpace, nodes: int) -> UniformGrid:
-    """The grid of about `nodes` nodes; ends are joined to the nodes of their cell and its neighbours."""
+def uniform_grid(free: FreeSpace, nodes: int, *, wide: bool = False) -> UniformGrid:
+    """The grid of about `nodes` nodes, 8-connected, or `wide` with the knight's moves too: 16 neighbours.
+
+    Ends are joined to the nodes of their cell and its neighbours.
+    """
     x_min, y_min, x_max, y_max = free.bounds_m
     spacing = np.sqrt((x_max - x_min) * (y_max - y_min) / nodes)
     n_x, n_y = max(2, round((x_max - x_min) / spacing) + 1), max(2, round((y_max - y_min) / spacing) + 1)
     x, y = np.linspace(x_min, x_max, n_x), np.linspace(y_min, y_max, n_y)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    edges = grid_edges(np.arange(n_x * n_y).reshape(n_x, n_y))
+    number = np.arange(n_x * n_y).reshape(n_x, n_y)
+    edges = np.concatenate([grid_edges(number), knights_edges(number)]) if wide else grid_edges(number)
     outside = ~free.covered(xy)
     edges = edges[outside[edges].all(axis=1)]
     edges = edges[~free.blocked(xy[edges[:, 0]], xy[edges[:, 1]])]
@@ -50,23 +54,40 @@ def grid_astar(free: FreeSpace, nodes: int, start: Array, goal: Array) -> Array 
     return uniform_grid(free, nodes).path(start, goal)
 
 
-def exact_shortest_path(free: FreeSpace, rings: tuple[Array, ...], start: Array, goal: Array) -> Array | None:
-    """Euclidean shortest path (n, 2) among the obstacles, by A* on the visibility graph; None when there is none.
+@dataclass(frozen=True)
+class VisibilityGraph:
+    """Convex corners of obstacles, joined where they see each other.
 
-    Its inner vertices are convex corners of obstacles (a known property of shortest paths among polygons).
+    The inner vertices of a shortest path are such corners (a known property of shortest paths among polygons).
     """
-    x_min, y_min, x_max, y_max = free.bounds_m
-    corners = np.concatenate([np.empty((0, 2)), *(_convex_corners(ring) for ring in rings)])
-    inside = (corners >= (x_min, y_min)).all(axis=1) & (corners <= (x_max, y_max)).all(axis=1)
-    corners = corners[inside & ~free.covered(corners)] if len(corners) else corners
-    a, b = np.triu_indices(len(corners), k=1)
-    seen = ~free.blocked(corners[a], corners[b]) if len(a) else np.empty(0, dtype=bool)
-    graph = Graph.from_edges(corners, np.stack([a[seen], b[seen]], axis=1))
-    start_links = _visible(free, corners, start, np.inf)
-    if not free.blocked(start[None], goal[None])[0]:
-        return np.stack([start, goal])
-    found = astar(graph, start_links, goal, _visible(free, corners, goal, np.inf))
-    return None if found is None else path_points(graph, found, start, goal)
+
+    free: FreeSpace
+    graph: Graph
+
+    @classmethod
+    def of(cls, free: FreeSpace, rings: tuple[Array, ...]) -> "VisibilityGraph":
+        """Every pair of corners tested; time and memory grow with the square of their number."""
+        x_min, y_min, x_max, y_max = free.bounds_m
+        corners = np.concatenate([np.empty((0, 2)), *(_convex_corners(ring) for ring in rings)])
+        inside = (corners >= (x_min, y_min)).all(axis=1) & (corners <= (x_max, y_max)).all(axis=1)
+        corners = corners[inside & ~free.covered(corners)] if len(corners) else corners
+        a, b = np.triu_indices(len(corners), k=1)
+        seen = ~free.blocked(corners[a], corners[b]) if len(a) else np.empty(0, dtype=bool)
+        return cls(free, Graph.from_edges(corners, np.stack([a[seen], b[seen]], axis=1)))
+
+    def path(self, start: Array, goal: Array) -> Array | None:
+        """Shortest path (n, 2) between two points (2,); None when there is none."""
+        if not self.free.blocked(start[None], goal[None])[0]:
+            return np.stack([start, goal])
+        corners = self.graph.xy_m
+        start_links = _visible(self.free, corners, start, np.inf)
+        found = astar(self.graph, start_links, goal, _visible(self.free, corners, goal, np.inf))
+        return None if found is None else path_points(self.graph, found, start, goal)
+
+
+def exact_shortest_path(free: FreeSpace, rings: tuple[Array, ...], start: Array, goal: Array) -> Array | None:
+    """Euclidean shortest path (n, 2) among the obstacles, by A* on the visibility graph; None when there is none."""
+    return VisibilityGraph.of(free, rings).path(start, goal)
 
 
 def path_points(graph: Graph, found: FoundPath, start: Array, goal: Array) -> Array:

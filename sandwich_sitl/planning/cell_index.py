@@ -30,7 +30,8 @@ class CellIndex:
         corners_m = np.ascontiguousarray(corners_m)
         if not len(corners_m):
             return cls(corners_m, np.zeros(2), 1.0, (1, 1), np.zeros(2, dtype=np.int64), np.empty(0, dtype=np.int32))
-        low, high = corners_m.min(axis=(0, 1)), corners_m.max(axis=(0, 1))
+        x, y = corners_m[..., 0], corners_m[..., 1]
+        low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
         extent = np.maximum(high - low, 1e-9)
         box = float(np.sqrt(extent[0] * extent[1] / len(corners_m)))
         n_x, n_y = (int(side / box) + 1 for side in extent)

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.corridor import REACH_M, hull
-from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.flight_plan import Corridor, Reference
 from sandwich_sitl.planning.inflation import inflate
 from sandwich_sitl.planning.outlines import Outlines
 
@@ -21,14 +21,15 @@ _MOST_FACES = 60
 _WIDE = 50.0  # half width of the transformed frame, in units of the metric
 
 
-def areas_m2(plan: FlightPlan) -> tuple[float, float, float]:
-    """Mean area per control step of the corridor's regions, of the paper's quadrangles and of the decomposition."""
-    region, corridor = plan.reference.region, plan.corridor
+def areas_m2(reference: Reference, corridor: Corridor, outlines: Outlines) -> tuple[float, float, float]:
+    """Mean area per control step of the corridor's regions, of the paper's quadrangles and of the decomposition.
+
+    `outlines` are those of the obstacles grown by the vehicle's radius, upwards too.
+    """
+    region = reference.region
     used = np.unique(region)
-    tops = plan.blocking_heights_m + plan.vehicle_radius_m
-    outlines = Outlines([shapely.Polygon(ring) for ring in plan.obstacles_m], plan.vehicle_radius_m, tops)
     low = corridor.z_m[used, 0] if len(corridor.z_m) else np.full(len(used), -np.inf)
-    hulls = [hull(plan.reference.xyz_m[region == m, :2]) for m in used]
+    hulls = [hull(reference.xyz_m[region == m, :2]) for m in used]
     frames = np.array([_frame(h, corridor.polygons_m[m]) for h, m in zip(hulls, used, strict=True)])
     own = shapely.area([shapely.Polygon(corridor.polygons_m[m]) for m in used])
     paper = shapely.area([shapely.Polygon(corridor.neighbours_m[m]) for m in used])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _TINY_M = 1e-9
+_ROOM_M = 0.1
 
 
 @njit(cache=True)
@@ -64,6 +65,27 @@ def inflate(seed: Array, edges: Array, box: Array, keep_m: float, most: int) -> 
     if len(ring) < 3 or len(ring) > most:
         return none
     return planes[carrier], ring
+
+
+@njit(cache=True)
+def drawn_back(planes: Array, box: Array, by_m: float) -> Array:
+    """The half-planes (F, 3) of a region in a box, moved inwards by `by_m`, or by a half or a quarter of it.
+
+    They are as they were when even that leaves less than a region `_ROOM_M` from all sides.
+    """
+    walls = np.empty((4 + len(planes), 3))
+    walls[0], walls[1] = (1.0, 0.0, box[2]), (0.0, 1.0, box[3])
+    walls[2], walls[3] = (-1.0, 0.0, -box[0]), (0.0, -1.0, -box[1])
+    for _ in range(3):
+        walls[4:] = planes
+        walls[4:, 2] -= by_m + _ROOM_M
+        ring, _ = _intersection(walls, box)
+        if len(ring) >= 3:
+            moved = planes.copy()
+            moved[:, 2] -= by_m
+            return moved
+        by_m /= 2
+    return planes
 
 
 @njit(cache=True)

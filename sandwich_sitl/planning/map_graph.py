@@ -1,8 +1,8 @@
 """The mapped grid as a graph, its channels joined where their dividing streamline is free.
 
 Source: paper, section IV; notes N10. The corners of a cell are linked, in a channel hence the eight neighbours in the
-planning space; the paper leaves open which they are, and where these eight leave wide gaps between their directions in
-motion space, what is seen there is linked too (`sight`). The two sides of an obstacle wall are different nodes and no
+planning space; the paper leaves open which they are, and a `wide` graph links, where these eight leave wide gaps between
+their directions in motion space, what is seen there too (`sight`). The two sides of an obstacle wall are different nodes and no
 link leads across, which is the paper's ban on crossing barred nodes; tips belong to both channels. A bay's lid nodes
 are the wall nodes of the channels beside it. Cells are convex, so every link stays in free ground.
 
@@ -42,6 +42,7 @@ class MapGraph:
     cell_place: Ints
     around: tuple[Ints, Ints]
     across: NDArray[np.int32]
+    wide: bool
 
     @cached_property
     def cells(self) -> CellIndex:
@@ -49,8 +50,8 @@ class MapGraph:
         return CellIndex.of(self.graph.xy_m[self.quads])
 
 
-def build_map_graph(channel_map: ChannelMap) -> MapGraph:
-    """Number the nodes, shared ones once, and link neighbours."""
+def build_map_graph(channel_map: ChannelMap, *, wide: bool = True) -> MapGraph:
+    """Number the nodes, shared ones once, and link neighbours; `wide` with those in sight in wide gaps."""
     numbers: list[Ints] = []
     count = 0
     for d, xy in enumerate(channel_map.xy_m):
@@ -83,8 +84,8 @@ def build_map_graph(channel_map: ChannelMap) -> MapGraph:
     quads, cell_place = _cells(channel_map, numbers)
     first, cells = rows_of(quads, count)
     across = across_sides(quads, first, cells)
-    graph = Graph.from_edges(xy_m, linked_pairs(xy_m, quads, across))
-    return MapGraph(graph, tuple(numbers), place, quads, cell_place, (first, cells), across)
+    graph = Graph.from_edges(xy_m, linked_pairs(xy_m, quads, across, wide))
+    return MapGraph(graph, tuple(numbers), place, quads, cell_place, (first, cells), across, wide)
 
 
 def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
@@ -106,9 +107,13 @@ def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:
 
 
 def links(map_graph: MapGraph, point: Array) -> Links:
-    """Links from a point (2,) to nodes that it sees, corners of its cells among them; empty when it lies on no cell."""
+    """Links from a point (2,) to the corners of its cells, and in a wide graph to nodes in wide gaps between those.
+
+    Empty when it lies on no cell.
+    """
     xy_m, cells = map_graph.graph.xy_m, map_graph.cells.holding(point)
-    nodes = seen_from(xy_m, map_graph.quads, map_graph.across, cells, float(point[0]), float(point[1]))
+    x, y = float(point[0]), float(point[1])
+    nodes = seen_from(xy_m, map_graph.quads, map_graph.across, cells, x, y, map_graph.wide)
     lengths = np.hypot(*(xy_m[nodes] - point).T)
     return list(zip(nodes.tolist(), lengths.tolist(), strict=True))
 

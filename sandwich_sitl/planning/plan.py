@@ -145,7 +145,7 @@ def _map_and_route(
     for flow in flows:
         channel_map = _kept_map(config, grown, flow, maps)
         check_map(channel_map)
-        map_graph = build_map_graph(channel_map)
+        map_graph = build_map_graph(channel_map, wide=config.mode != "paper")  # which takes one node a step
         try:
             found.append((channel_map, map_graph, find_route(channel_map, map_graph, start, goal)))
         except (InputError, NoRouteError) as error:

@@ -20,6 +20,7 @@ from sandwich_sitl.planning.corridor import (
     neighbouring_quadrangle,
     paper_corridor,
     proven_corridor,
+    safe_clearance_m,
     safe_speed_mps,
 )
 from sandwich_sitl.planning.flight_plan import Corridor, FlightFigures, Reference
@@ -78,13 +79,14 @@ def timed_reference(config: RunConfig, ground: Ground, route_m: Array) -> tuple[
 
 
 def route_curve(config: RunConfig, ground: Ground, route_m: Array, departure: Departure | None = None) -> BSpline:
-    """The smooth curve along a route; its bends grow with the way the vehicle needs to turn."""
+    """The smooth curve along a route; bends and berth grow with the way and the room the vehicle's speed needs."""
     planner = config.planner
     bending = planner.speed_mps**2 / planner.acceleration_mps2 / 1.5
     route = without_repeats(route_m)
     # In flight a route begins where the vehicle is, which may be nearer to an obstacle than a route from rest may be.
     kept = min(KEPT_MARGIN * planner.margin_m, _NEARER * ground.outlines.distance_m(route))
-    return smooth_route(route, ground.outlines, ground.channel_map.bounds_m, kept, bending, departure)
+    wished = safe_clearance_m(np.array(planner.speed_mps), config.mpc.step_s)
+    return smooth_route(route, ground.outlines, ground.channel_map.bounds_m, kept, bending, departure, float(wished))
 
 
 def even_parameters(curve: BSpline) -> Array:
@@ -99,7 +101,9 @@ def speed_cap(
     """Speeds at `even_parameters` at which the corridor's bound fits into the clearance from tops above `above_m`."""
     points = np.asarray(curve(even_parameters(curve)))[:, :2]
     matters = 2 * float(between_samples_m(np.array(limits.speed_mps), interval_s))
-    cap = safe_speed_mps(outlines.clearance(points, matters, above_m), interval_s)
+    clearance = np.pad(outlines.clearance(points, matters, above_m), 1, mode="edge")
+    # Of three neighbours the least, for what lies between two of them.
+    cap = safe_speed_mps(np.minimum(np.minimum(clearance[:-2], clearance[2:]), clearance[1:-1]), interval_s)
     if cap.min() <= 0.0:
         x, y = points[int(np.argmin(cap))]
         raise MapError(f"route: no speed is safe at ({x:.2f}, {y:.2f}); raise planner.margin_m or reduce mpc.step_s")

@@ -72,6 +72,17 @@ def grid_edges(number: Ints) -> Ints:
     return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
 
 
+def knights_edges(number: Ints) -> Ints:
+    """Edges (E, 2) between nodes of a grid of numbers (m, n) that are a knight's move apart."""
+    pairs = [
+        (number[:-2, :-1], number[2:, 1:]),
+        (number[:-2, 1:], number[2:, :-1]),
+        (number[:-1, :-2], number[1:, 2:]),
+        (number[1:, :-2], number[:-1, 2:]),
+    ]
+    return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+
+
 @dataclass(frozen=True)
 class FoundPath:
     """Nodes of a path without its two end points, and its length with them."""

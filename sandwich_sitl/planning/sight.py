@@ -45,8 +45,8 @@ def across_sides(quads: Ints, first: Ints, around: Ints) -> Ints32:
 
 
 @njit(cache=True, nogil=True)
-def linked_pairs(xy: Array, quads: Ints, across: Ints32) -> Ints32:
-    """Pairs of nodes (E, 2) to link, some of them twice: corners of one cell, and nodes seen in wide gaps."""
+def linked_pairs(xy: Array, quads: Ints, across: Ints32, wide: bool) -> Ints32:
+    """Pairs of nodes (E, 2) to link, some of them twice: corners of one cell and, if `wide`, nodes seen in wide gaps."""
     pairs = np.empty((16 * len(quads) + 256, 2), dtype=np.int32)
     cone, place = np.empty((_ROOM, 4)), np.empty(_ROOM, dtype=np.int32)
     seen = np.empty(_ROOM, dtype=np.int32)
@@ -60,7 +60,7 @@ def linked_pairs(xy: Array, quads: Ints, across: Ints32) -> Ints32:
                 pairs[count, 0], pairs[count, 1] = node, quads[cell, k + step]
                 count += 1
             for side in ((k + 1) % 4, (k + 2) % 4):
-                if _wide(xy, quads, across, xy[node, 0], xy[node, 1], cell, side):
+                if wide and _wide(xy, quads, across, xy[node, 0], xy[node, 1], cell, side):
                     found = _look(xy, quads, across, xy[node, 0], xy[node, 1], cell, side, cone, place, seen, 0)
                     for m in range(found):
                         pairs[count, 0], pairs[count, 1] = node, seen[m]
@@ -69,8 +69,8 @@ def linked_pairs(xy: Array, quads: Ints, across: Ints32) -> Ints32:
 
 
 @njit(cache=True, nogil=True)
-def seen_from(xy: Array, quads: Ints, across: Ints32, cells: Ints, x: float, y: float) -> Ints:
-    """Nodes to link a point with that lies in `cells`: their corners, and nodes seen in wide gaps."""
+def seen_from(xy: Array, quads: Ints, across: Ints32, cells: Ints, x: float, y: float, wide: bool) -> Ints:
+    """Nodes to link a point with that lies in `cells`: their corners and, if `wide`, nodes seen in wide gaps."""
     cone, place = np.empty((_ROOM, 4)), np.empty(_ROOM, dtype=np.int32)
     seen = np.empty(len(cells) * 4 * (_ROOM + 1), dtype=np.int32)
     count = 0
@@ -78,7 +78,7 @@ def seen_from(xy: Array, quads: Ints, across: Ints32, cells: Ints, x: float, y: 
         for k in range(4):
             seen[count] = quads[cell, k]
             count += 1
-            if _wide(xy, quads, across, x, y, cell, k):
+            if wide and _wide(xy, quads, across, x, y, cell, k):
                 count = _look(xy, quads, across, x, y, cell, k, cone, place, seen, count)
     return np.unique(seen[:count]).astype(np.int64)
 

@@ -140,9 +140,14 @@ def _map_section(plan: FlightPlan | None) -> Section:
 
 
 def _route_section(plan: FlightPlan | None) -> Section:
+    """Lengths; `duration_ratio` is the timed way's over the time-optimal law's along the same curve."""
     if plan is None:
-        return dict.fromkeys(("sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"))
-    return route_lengths(plan)
+        keys = ("sandwich_m", "grid_astar_m", "exact_m", "reduction_percent", "tight_m", "duration_ratio")
+        return dict.fromkeys(keys)
+    return route_lengths(plan) | {
+        "tight_m": path_length(plan.tight_m) if len(plan.tight_m) else None,
+        "duration_ratio": plan.flight.duration_s / plan.flight.least_duration_s if plan.flight else None,
+    }
 
 
 def _floors_section(plan: FlightPlan | None) -> Section:

@@ -5,6 +5,7 @@ is the map itself. A point in no cell (inside an obstacle's grown outline, or be
 is moved to the nearest one first.
 """
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from sandwich_sitl.channels.channel_map import ChannelMap
 
 Array = NDArray[np.float64]
 
+_JUMP = 0.1  # of the planning space's extent
 FLAT_M2 = 1e-12  # a triangle of less than half this area cannot be interpolated on
 
 
@@ -40,11 +42,40 @@ class PlanningSpace:
             return np.full((len(xy_m), 2), np.nan)
         points = shapely.points(xy_m)
         cell = self._tree.nearest(points)
+        return self._in_cell(cell, points)
+
+    def pieces(self, line_m: Array, step_m: float, reach_m: float) -> list[Array]:
+        """What a polyline (n, 2) looks like: pieces (m, 2) in (phi, psi), read every `step_m`.
+
+        It is broken where it runs further than `reach_m` from every channel's cell, through a bay, and where two points
+        beside each other lie far apart, across a barred wall.
+        """
+        if not len(self._origins):
+            return []
+        dense_m = _dense(line_m, step_m)
+        points = shapely.points(dense_m)
+        cell = self._tree.nearest(points)
+        where = self._in_cell(cell, points)
+        span = np.ptp(self._corners_pq.reshape(-1, 2), axis=0)
+        near = shapely.distance(self._cells[cell], points) <= reach_m
+        broken = ~(near[1:] & near[:-1]) | (np.abs(np.diff(where, axis=0)) > _JUMP * span).any(axis=1)
+        return [piece for piece in np.split(where, np.flatnonzero(broken) + 1) if len(piece) > 1]
+
+    def _in_cell(self, cell: Any, points: Any) -> Array:
         on_cell_m = shapely.get_coordinates(shapely.shortest_line(self._cells[cell], points))[::2]
         weights = np.linalg.solve(self._edges[cell], (on_cell_m - self._origins[cell])[..., None])[..., 0]
         p, q, r = (self._corners_pq[cell, k] for k in range(3))
         result: Array = p + weights[:, :1] * (q - p) + weights[:, 1:] * (r - p)
         return result
+
+
+def _dense(line_m: Array, step_m: float) -> Array:
+    """Points along a polyline (n, 2) at most `step_m` apart, its own among them."""
+    parts = [
+        np.linspace(a, b, max(1, int(np.ceil(np.hypot(*(b - a)) / step_m))), endpoint=False)
+        for a, b in itertools.pairwise(line_m)
+    ]
+    return np.concatenate([*parts, line_m[-1:]])
 
 
 def _triangles(grid: Array) -> Array:

@@ -1,6 +1,10 @@
 """`bench tracking` flown: its numbers are those of the log, and the accuracy that is promised holds."""
 
 import json
+import os
+import signal
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +14,8 @@ import shapely
 from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, excess, measure, table
 from sandwich_sitl.cli import main
 from sandwich_sitl.recording.reader import RunLog
+
+from .conftest import Process
 
 PAPER_CONFIG = Path(__file__).parents[2] / "configs" / "paper.yaml"
 
@@ -45,6 +51,37 @@ def test_calm_air_and_an_exact_estimate_are_tracked_to_centimetres(
     assert numbers["fallback_ticks"] == 0
     assert "calm, exact estimate" in capsys.readouterr().out
     assert main(["bench", "tracking", str(short_config), "--only", "no such thing"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize(
+    ("who", "pause_s", "rms_m"), [("both", 1.0, 0.08), ("offboard", 0.6, 0.25), ("vehicle", 0.6, 0.25)]
+)
+def test_a_pause_of_a_process_in_flight_is_got_over(
+    who: str, pause_s: float, rms_m: float, start: Callable[..., Process], short_config: Path, tmp_path: Path
+) -> None:
+    """Real time, twice as fast: a host that stalls stops both processes and costs nothing, a busy processor stops one of
+    them, and the vehicle is then 0.6 s of its way from where it should be.
+    """
+    run = start(
+        "sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path), "--clock", "realtime", "--speed", "2"
+    )
+    run.wait_for("ACTIVE")
+    time.sleep(6.5)
+    here = run.child.pid
+    children = [int(pid) for pid in Path(f"/proc/{here}/task/{here}/children").read_text().split()]
+    (vehicle,) = [pid for pid in children if b"vehicle_sim" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    paused = {"both": [here, vehicle], "offboard": [here], "vehicle": [vehicle]}[who]
+    for pid in paused:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(pause_s)
+    for pid in paused:
+        os.kill(pid, signal.SIGCONT)
+    assert run.finish() == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["assurance"]["brake"] == 0
+    assert summary["flight"]["rms_error_m"] < rms_m
 
 
 GOALS = {  # RMS and worst in metres, where one is set

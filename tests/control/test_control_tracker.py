@@ -106,6 +106,34 @@ def test_setpoints_form_one_smooth_motion() -> None:
         last = tick.setpoint
 
 
+@pytest.mark.parametrize("pause_s", [0.3, 0.8])
+def test_after_a_pause_the_plan_begins_where_the_vehicle_has_come_to(pause_s: float) -> None:
+    """The vehicle flew on at 60 % of its speed: no leap back to the old command, and the reference waits for it."""
+    reference, corridor = flight(10.0)
+    config = run_config()
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state = np.concatenate([reference.xyz_m[0], np.zeros(9)])
+    for k in range(250):
+        state = tracker.tick(k * DT, state[:3], state[3:6], 0.0).setpoint
+    v = 0.6 * state[3:6]
+    r = state[:3] + pause_s * v
+    t = 249 * DT + pause_s
+    first = tracker.tick(t, r, v, 0.0)
+    assert first.rung is Rung.PLAN
+    assert np.linalg.norm(first.setpoint[:3] - r) < 0.15
+    assert np.linalg.norm(first.setpoint[3:6] - v) < 0.3
+    assert first.rate == pytest.approx(0.6, abs=0.2)
+    state, worst, fastest = first.setpoint, 0.0, 0.0
+    for k in range(1, 500):
+        tick = tracker.tick(t + k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+        worst = max(worst, float(np.linalg.norm(state[:3] - tick.desired_m)))
+        fastest = max(fastest, float(np.linalg.norm(state[3:6])))
+    assert worst < 0.35
+    assert fastest < 1.3 * 1.875 * 20.5 / 10.0
+    assert np.linalg.norm(state[:3] - reference.xyz_m[-1]) < 0.02
+
+
 def climb_and_go() -> Reference:
     """Six seconds of climb over the start, then the flight."""
     route, _ = flight()

@@ -17,6 +17,7 @@ from sandwich_sitl.planning.corridor import (
     FACES,
     between_samples_m,
     hull,
+    nearest_places,
     neighbouring_quadrangle,
     paper_corridor,
     safe_speed_mps,
@@ -250,6 +251,19 @@ def test_quadrangles_are_counter_clockwise_and_hold_their_node() -> None:
             )
 
 
+@pytest.mark.parametrize("split", [False, True], ids=["channels", "bays alone"])
+def test_nearest_places_are_those_that_a_look_at_every_node_finds(split: bool) -> None:
+    walls = [box(28, -5, 32, 45), box(-5, 18, 65, 22)] if split else [box(28, 10, 32, 30)]
+    obstacles = tuple(Obstacle(f"w{k}", wall) for k, wall in enumerate(walls))
+    channel_map = build_channel_map(grow(World(BOUNDS, obstacles), 1.0, 0.1), 1.5, 5)
+    assert (channel_map.channels == 0) is split
+    grids = [*channel_map.xy_m, *(bay.xy_m[:, None] for bay in channel_map.bays)]
+    nodes = np.concatenate([grid.reshape(-1, 2) for grid in grids])
+    points = np.random.default_rng(1).uniform((2, 2), (26, 16), (40, 2))
+    for point, (b, i, j) in zip(points, nearest_places(channel_map, points), strict=True):
+        assert np.hypot(*(grids[b][i, j] - point)) == pytest.approx(np.nanmin(np.hypot(*(nodes - point).T)))
+
+
 def test_sound_quadrangles_are_convex_and_hold_the_stretch() -> None:
     square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
     assert sound(square, np.array([[0.5, 0.5], [1.5, 1.0]]))
@@ -260,8 +274,9 @@ def test_sound_quadrangles_are_convex_and_hold_the_stretch() -> None:
 
 
 def test_region_holds_the_papers_quadrangle_where_that_is_sound_and_the_corridor_is_wider() -> None:
-    plan = plan_flight(config(0.5), World(BOUNDS, (Obstacle("o", box(25, 15, 35, 25)),)), lambda _: None)
-    own, paper, free = areas_m2(plan)
+    body = box(25, 15, 35, 25)
+    plan = plan_flight(config(0.5), World(BOUNDS, (Obstacle("o", body),)), lambda _: None)
+    own, paper, free = areas_m2(plan.reference, plan.corridor, Outlines([body], RADIUS_M))
     assert own > 5 * paper
     assert own > 0.5 * free
     assert free <= (2 * 6 + 12) ** 2

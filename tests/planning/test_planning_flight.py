@@ -118,6 +118,8 @@ def test_paper_mode_visits_one_node_a_step(name: str) -> None:
     times = begin + np.arange(len(plan.sandwich_m)) * config.mpc.step_s
     visited = np.column_stack([np.interp(times, reference.t_s, reference.xyz_m[:, axis]) for axis in range(2)])
     np.testing.assert_allclose(visited, plan.sandwich_m, atol=1e-6)
+    columns = np.searchsorted(plan.channel_map.phi, plan.sandwich_phi_psi[:, 0])
+    assert np.abs(np.diff(columns)).max() == 1, "a step leads to one of the eight neighbours"
     assert len(plan.corridor.Lambda) == len(plan.sandwich_m)
     np.testing.assert_array_equal(np.array(plan.corridor.polygons_m), plan.corridor.neighbours_m)
     for quadrangle in plan.corridor.neighbours_m:

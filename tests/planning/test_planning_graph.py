@@ -141,13 +141,21 @@ def test_every_link_lies_in_the_cells_and_corners_of_a_cell_are_linked() -> None
             (min(pair), max(pair)) for pair in itertools.combinations(corner_nodes(channel_map, map_graph, cell), 2)
         }
     graph = map_graph.graph
-    start = np.repeat(np.arange(len(graph.xy_m)), np.diff(graph.first))
-    found = {(a, b) for a, b in zip(start.tolist(), graph.neighbour.tolist(), strict=True) if a < b}
+    found = pairs(map_graph)
     assert corners < found
-    assert len(graph.neighbour) == 2 * len(found)
+    assert corners == pairs(build_map_graph(channel_map, wide=False))
     ground = shapely.union_all(shapely.polygons(graph.xy_m[map_graph.quads])).buffer(HAIR_M)
     shapely.prepare(ground)
     assert shapely.covers(ground, shapely.linestrings(graph.xy_m[np.array(sorted(found - corners))])).all()
+
+
+def pairs(map_graph: MapGraph) -> set[tuple[int, int]]:
+    """Linked nodes, the lower first; each link is there in both directions, once."""
+    graph = map_graph.graph
+    start = np.repeat(np.arange(len(graph.xy_m)), np.diff(graph.first))
+    found = {(a, b) for a, b in zip(start.tolist(), graph.neighbour.tolist(), strict=True) if a < b}
+    assert len(graph.neighbour) == 2 * len(found)
+    return found
 
 
 def test_links_leave_no_wide_gap_where_nothing_is_in_the_way() -> None:

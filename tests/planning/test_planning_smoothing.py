@@ -116,3 +116,19 @@ def test_banded_solver_finds_the_optimum_a_general_solver_finds(seed: int) -> No
     cost, least = (np.einsum("ai,ij,aj->", x, P, x) for x in (solution.T, np.reshape(other.x, (2, n))))
     assert cost == pytest.approx(least, rel=1e-4)
     np.testing.assert_allclose(solution.T.ravel(), other.x, atol=1e-3)
+
+
+@pytest.mark.parametrize("gap_m", [3.0, 1.2])
+def test_curve_takes_the_wished_berth_where_there_is_room_and_passes_a_gap_all_the_same(gap_m: float) -> None:
+    """Round a lone corner twice the least clearance; then a gap that is narrower than the wish asks for."""
+    kept, wished = 0.4, 0.8
+    corner, low, high = box(16, 20, 24, 45), box(39, -5, 41, 20 - gap_m / 2), box(39, 20 + gap_m / 2, 41, 45)
+    route = np.array([[4.0, 30.0], [16 - kept, 20 - kept], [24 + kept, 20 - kept], [40.0, 20.0], [56.0, 20.0]])
+    outlines = Outlines([corner, low, high], 0.0)
+    curve = smooth_route(route, outlines, BOUNDS, 0.9 * kept, 5.0, wished_clearance_m=wished)
+    path = shapely.LineString(sampled(curve))
+    assert path.distance(corner) >= wished - 0.02
+    assert path.distance(shapely.union(low, high)) >= min(wished, gap_m / 2 - 0.35) - 0.02
+    plain = shapely.LineString(sampled(smooth_route(route, outlines, BOUNDS, 0.9 * kept, 5.0)))
+    assert plain.distance(corner) < wished - 0.2
+    assert path.length < 1.02 * plain.length

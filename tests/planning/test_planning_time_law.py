@@ -8,7 +8,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline, make_interp_spline
 
+from sandwich_sitl.bench.plan_worlds import random_world
+from sandwich_sitl.planning.corridor import safe_clearance_m
+from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.outlines import Outlines
+from sandwich_sitl.planning.reference import speed_cap
+from sandwich_sitl.planning.shortest import shortest_path
 from sandwich_sitl.planning.smoothing import smooth_route
 from sandwich_sitl.planning.time_law import Limits, TimedCurve, climb, fly, least_duration_s
 
@@ -186,5 +191,32 @@ def test_law_takes_at_most_a_tenth_longer_than_the_optimum_without_jerk_and_snap
         bending = limits.speed_mps**2 / limits.acceleration_mps2 / 3
         curve = smooth_route(route, Outlines([], 0.4), (0, 0, 300, 300), 0.3, bending)
         ratios.append(law(curve, limits).duration_s / least_duration_s(curve, limits))
+    assert np.mean(ratios) <= 1.10
+    assert min(ratios) >= 0.999
+
+
+@pytest.mark.parametrize("limits", [Limits(6, 4, 20, 120), Limits(10, 6, 30, 180)], ids=str)
+def test_fast_flight_round_obstacles_takes_at_most_a_tenth_longer_than_the_optimum(limits: Limits) -> None:
+    """Tight routes that touch corners of obstacles grown by the margin, speeds capped by the clearance."""
+    margin, interval_s = 0.5, 0.1
+    ratios = []
+    for seed in range(3):
+        world = random_world(seed, 0.3, margin)
+        outlines, grown = Outlines(world.bodies, world.radius_m), world.grown
+        mesh = build_nav_mesh(grown)
+        rng = np.random.default_rng(seed)
+        ends = [p for p in rng.uniform((0, 0), (200, 120), (24, 2)) if len(mesh.index.holding(p))]
+        for start, goal in zip(ends[::2], ends[1::2], strict=False):
+            route = shortest_path(mesh, start, goal)
+            if route is None or len(route.points_m) < 3:
+                continue
+            wished = float(safe_clearance_m(np.array(limits.speed_mps), interval_s))
+            bending = limits.speed_mps**2 / limits.acceleration_mps2 / 1.5
+            curve = smooth_route(
+                route.points_m, outlines, grown.bounds_m, 0.8 * margin, bending, wished_clearance_m=wished
+            )
+            cap = speed_cap(curve, outlines, limits, interval_s)
+            ratios.append(law(curve, limits, cap).duration_s / least_duration_s(curve, limits, cap))
+    assert len(ratios) > 8
     assert np.mean(ratios) <= 1.10
     assert min(ratios) >= 0.999

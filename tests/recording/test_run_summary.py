@@ -3,12 +3,13 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import run_samples
 
-from sandwich_sitl.planning.flight_plan import FloorFigures, FloorPlan
+from sandwich_sitl.planning.flight_plan import FlightFigures, FloorFigures, FloorPlan
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.summary import clearance_m, format_summary, lost_frames, summarise, tracking_error
 from sandwich_sitl.recording.tracks import Frame, PoseTrack
@@ -21,7 +22,9 @@ def test_keys_are_complete_and_json(run_log: RunLog) -> None:
         "channels", "nodes", "bays", "flow", "folded_cells", "repaired_cells", "min_jacobian_ratio", "coverage",
         "check", "seconds",
     }  # fmt: skip
-    assert set(summary["route"]) == {"sandwich_m", "grid_astar_m", "exact_m", "reduction_percent"}
+    assert set(summary["route"]) == {
+        "sandwich_m", "grid_astar_m", "exact_m", "reduction_percent", "tight_m", "duration_ratio",
+    }  # fmt: skip
     assert set(summary["flight"]) == {
         "duration_s", "path_flown_m", "rms_error_m", "max_error_m", "min_clearance_m", "quadrangle_violations",
         "wall_seconds", "realtime_factor",
@@ -39,9 +42,21 @@ def test_head_map_and_route(run_log: RunLog) -> None:
         "coverage": 0.98, "seconds": 0.5, "bays": 0, "flow": "x", "check": "passed",
     }  # fmt: skip
     grid_m = 30.0 + 2.0 * 3.0 * math.sqrt(2.0)
+    lengths = {"sandwich_m": 36.0, "grid_astar_m": grid_m, "exact_m": 36.0}
     assert summary["route"] == pytest.approx(
-        {"sandwich_m": 36.0, "grid_astar_m": grid_m, "exact_m": 36.0, "reduction_percent": 100 * (1 - 36.0 / grid_m)}
+        {**lengths, "reduction_percent": 100 * (1 - 36.0 / grid_m), "tight_m": None, "duration_ratio": None}
     )
+
+
+def test_tight_route_and_its_duration_over_the_time_optimal_laws(tmp_path: Path) -> None:
+    tight_m = np.array([[2.0, 5.0], [20.0, 5.0], [38.0, 5.0]])
+    plan = dataclasses.replace(
+        run_samples.small_plan(), route_kind="tight", tight_m=tight_m, flight=FlightFigures(36.0, 36.1, 13.2, 12.0)
+    )
+    summary = summarise(RunLog.read(run_samples.write_offboard(tmp_path / "offboard.mcap", plan)))
+    assert summary["route"]["tight_m"] == pytest.approx(36.0)
+    assert summary["route"]["duration_ratio"] == pytest.approx(1.1)
+    assert "tight_m 36.000, duration_ratio 1.100" in format_summary(summary)
 
 
 def test_flight(run_log: RunLog) -> None:

@@ -11,6 +11,7 @@ import pyarrow.parquet
 import pytest
 import run_samples
 
+from sandwich_sitl.recording.plan_file import save_plan
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.summary import summarise
 
@@ -66,11 +67,23 @@ def test_tlog_is_written(run_path: Path, tmp_path: Path) -> None:
     assert (tmp_path / "run.tlog").stat().st_size == 302 * (8 + 16)
 
 
-@pytest.mark.parametrize("script", ["summary.py", "compare.py", "export.py"])
+def test_a_plan_is_drawn_from_a_log_and_from_its_file(run_path: Path, tmp_path: Path) -> None:
+    save_plan(run_samples.small_plan(), tmp_path / "plan.npz")
+    for source in (run_path, tmp_path / "plan.npz"):
+        picture = tmp_path / f"{source.stem}.png"
+        result = call("plan_picture.py", source, "--out", picture)
+        assert result.returncode == 0, result.stderr
+        assert picture.read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "plan.png").read_bytes() != (tmp_path / f"{run_path.stem}.png").read_bytes()
+
+
+@pytest.mark.parametrize("script", ["summary.py", "compare.py", "export.py", "plan_picture.py"])
 def test_bad_input_is_one_line_and_status_2(script: str, tmp_path: Path) -> None:
     bad = tmp_path / "bad.mcap"
     bad.write_text("no log")
-    more = {"summary.py": [], "compare.py": [bad], "export.py": ["--csv", tmp_path / "out"]}[script]
+    more = {"summary.py": [], "plan_picture.py": [], "compare.py": [bad], "export.py": ["--csv", tmp_path / "out"]}[
+        script
+    ]
     result = call(script, bad, *more)
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1

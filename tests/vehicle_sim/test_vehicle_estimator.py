@@ -66,7 +66,7 @@ def test_errors_and_innovations_are_of_the_stated_size(moving: bool) -> None:
     assert np.all(np.abs(np.mean(innovations, axis=0))[[0, 1, 3, 4, 6, 7]] < np.array(stated) / 5)
 
 
-def test_errors_are_px4s_in_size() -> None:
+def test_measured_accuracy_of_the_estimate() -> None:
     """PX4's simulator: 0.3 m at the median horizontally and 0.7 m at most; up to 1.2 m in height."""
     across, down = [], []
     for seed in range(1, 13):

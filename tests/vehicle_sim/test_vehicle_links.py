@@ -82,6 +82,7 @@ def tcp_to(port: int) -> socket.socket:
 
 
 HELLO = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+SETPOINT = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, -3, *([0] * 8))
 ASK = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
 
 
@@ -197,6 +198,27 @@ def test_any_speed_factor(start: Start, speed: str, low: float, high: float) -> 
         until = first + 1000 * float(speed)
         last = talker.hear("ATTITUDE", where=lambda m: m.time_boot_ms >= until).time_boot_ms
         assert low < (last - first) / 1e3 / (time.monotonic() - begin) < high
+
+
+def test_row_23_time_outs_are_scaled_by_the_speed(start: Start) -> None:
+    """COM_OF_LOSS_T is simulated time: at four times the speed OFFBOARD is lost 1.07 s of the vehicle's clock after the last set-point."""
+    port = free_port()
+    start("--connect", f"udpin://127.0.0.1:{port}", "--speed", "4")
+    with udp_to(port) as sock:
+        talker = Talker(sock)
+        talker.send(HELLO)
+        talker.hear("HEARTBEAT", where=lambda m: m.system_status == 3)
+        talker.send(SETPOINT)
+        for number, parameters in ((176, (1, 6)), (400, (1, 0))):
+            talker.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *parameters, 0, 0, 0, 0, 0))
+        last_ms = 0
+        while talker.hear("EXTENDED_SYS_STATE").landed_state != 2:
+            last_ms = talker.hear("LOCAL_POSITION_NED").time_boot_ms
+            talker.send(SETPOINT)
+            assert last_ms < 30_000
+        # OFFBOARD's own target is the set-point; the Return that takes over asks for somewhere else
+        changed = talker.hear("POSITION_TARGET_LOCAL_NED", where=lambda m: m.z != -3.0)
+        assert (changed.time_boot_ms - last_ms) / 1e3 == pytest.approx(1.07, abs=0.5)
 
 
 def processor_s(pid: int) -> float:

@@ -7,10 +7,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import run_samples
-from matplotlib.colors import to_rgb
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.viewing.plan_picture import draw_plan
+from sandwich_sitl.viewing.plan_picture import Track, draw_plan
 
 
 def pixels_of(picture: np.ndarray, colour: str) -> int:
@@ -23,11 +24,28 @@ def test_the_picture_holds_routes_obstacles_and_barred_nodes(tmp_path: Path, obs
     draw_plan(run_samples.small_plan(obstacles=obstacles), tmp_path / "plan.png")
     picture = matplotlib.image.imread(tmp_path / "plan.png")
     assert picture.shape[1] == 2400
-    for route in ("#0b6fd6", "#e07b00", "#1d9a52"):
-        assert pixels_of(picture, route) > 500, route
+    left, right = picture[:, :1150], picture[:, 1150:]
+    for half in (left, right):
+        for route in ("#0b6fd6", "#e07b00", "#1d9a52"):
+            assert pixels_of(half, route) > 300, route
+        assert pixels_of(half, to_hex(colormaps["plasma"](1.0))) > 300
     assert pixels_of(picture, "#f4c400") > 100
     assert (pixels_of(picture, "#8b8f98") > 10_000) is obstacles
     assert plt.get_fignums() == figures
+
+
+def test_a_flown_track_takes_the_place_of_the_reference_and_its_speeds(tmp_path: Path) -> None:
+    """At rest for half of the time: the slow half is drawn in the colour of no speed, in both spaces."""
+    plan = run_samples.small_plan()
+    t_s = np.linspace(0.0, 100.0, 400)
+    x_m = np.where(t_s < 95.0, 2.0 + 0.1 * t_s, 11.5 + 5.0 * (t_s - 95.0))
+    track = Track("vehicle", t_s, np.column_stack([x_m, np.full_like(x_m, 5.0)]))
+    draw_plan(plan, tmp_path / "plan.png", track)
+    picture = matplotlib.image.imread(tmp_path / "plan.png")
+    slow, fast = (to_hex(colormaps["plasma"](share)) for share in (0.1 / 5.0, 1.0))
+    for half in (picture[:, :1150], picture[:, 1150:]):
+        assert pixels_of(half, slow) > 300
+        assert pixels_of(half, fast) > 300
 
 
 def test_a_directory_that_does_not_exist_is_refused(tmp_path: Path) -> None:

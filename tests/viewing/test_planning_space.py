@@ -39,3 +39,13 @@ def test_points_off_the_map_are_given_the_nearest_point_of_it() -> None:
     assert abs(inside[0] - 20.0) == pytest.approx(0.4 * 5.0 * 6.0 / 61.0)
     assert inside[1] == pytest.approx(15.0)
     assert tuple(outside) == (0.0, 0.0)
+
+
+def test_a_line_is_carried_piece_by_piece_and_breaks_at_a_wall_and_off_the_map() -> None:
+    straight = SPACE.pieces(np.array([[2.0, 5.0], [38.0, 5.0]]), 0.5, 0.25)
+    assert len(straight) == 1
+    np.testing.assert_allclose(straight[0][[0, -1], 0], [2.0, 38.0])
+    assert np.hypot(*np.diff(straight[0], axis=0).T).max() < 1.0
+    through_the_diamond = SPACE.pieces(np.array([[20.0, 5.0], [20.0, 25.0]]), 0.1, 0.25)
+    assert [piece[:, 1].max() <= 15.0 for piece in through_the_diamond] == [True, False]
+    assert len(SPACE.pieces(np.array([[20.0, 12.0], [20.0, 18.0]]), 0.1, 0.25)) == 0
