@@ -106,6 +106,9 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
         progress.note(
             f"map: {area:.2g} m2 of free ground are left out, slivers thinner than a tenth of a cell: {names}"
         )
+    for floor in plan.floors.figures if plan.floors is not None else ():
+        if floor.refused:
+            progress.note(f"floor {floor.altitude_m:g} m: {floor.refused}")
     ends = [began for _, began in stages[1:]] + [time.perf_counter()]
     return dataclasses.replace(
         plan, seconds={name: end - began for (name, began), end in zip(stages, ends, strict=True)}

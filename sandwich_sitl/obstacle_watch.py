@@ -9,6 +9,8 @@ import dataclasses
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.mission.reports import ObstacleReport, Source, parse_obstacle
@@ -51,7 +53,7 @@ class ObstacleWatch:
     def tick(self, now_s: float, view: VehicleView, at: Whereabouts) -> RerouteOrders:
         """What the run has to do now about obstacles."""
         malformed = [("warning", text) for text in view.scan_problems]
-        reports = self._reported(now_s, malformed) + self._sighted(view)
+        reports = self._reported(now_s, malformed) + self._sighted(view, at)
         orders = self._rerouting.step(now_s, at, reports, self._answer(now_s))
         if orders.ask is not None:
             self._planner.ask(orders.ask)
@@ -80,13 +82,14 @@ class ObstacleWatch:
                 malformed.append(("warning", str(error)))
         return reports
 
-    def _sighted(self, view: VehicleView) -> list[ObstacleReport]:
+    def _sighted(self, view: VehicleView, at: Whereabouts) -> list[ObstacleReport]:
         """What the newest scan shows that nobody knew."""
         if not view.scans or not self._rerouting.idle:
             return []
         scan = view.scans[-1]
         reports: list[ObstacleReport] = []
-        for polygon in unexplained(scan, self._rerouting.explained, self._config.replan):
+        altitude_m = -np.inf if at.r_m is None else float(at.r_m[2])
+        for polygon in unexplained(scan, self._rerouting.explained, self._config.replan, altitude_m):
             self._seen += 1
             reports.append(ObstacleReport(Obstacle(f"seen-{self._seen}", polygon), Source.SENSOR, scan.heard_s))
         return reports

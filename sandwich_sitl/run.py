@@ -213,7 +213,8 @@ class _Loop:
         for report in self._orders.new:
             self._recorder.obstacle(ReportedObstacle.of(now_s, report))
             ring_m = shapely.get_coordinates(report.obstacle.polygon.exterior)
-            self._obstacles = self._obstacles.joined_by(ring_m, np.inf)
+            height_m = report.obstacle.height_m if self._plan.floors is not None else None
+            self._obstacles = self._obstacles.joined_by(ring_m, np.inf if height_m is None else height_m)
         if self._orders.adopted is not None:
             self._recorder.plan_update(PlanUpdate.of(self._orders.adopted), self._config.altitude_m)
 

@@ -11,9 +11,9 @@ from typing import BinaryIO
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from quick_mcap.writer import QuickWriter
 from vehicle_sim.autopilot.results import Severity, Text
 from vehicle_sim.config import RunConfig, run_as_dict
 from vehicle_sim.errors import VehicleError
@@ -44,7 +44,7 @@ class Recorder:
         self._flush_s = config.logging.flush_s
         self._flushed_s: float | None = None
         self._samples: list[Sample] = []
-        writer = QuickWriter(self._file, _CHUNK_BYTES)
+        writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile="", library="vehicle-sim")
         self._writer = writer
         pose, log, own = (register_schema(writer, kind) for kind in (PoseInFrame, Log, VehicleTelemetry))
@@ -81,14 +81,14 @@ class Recorder:
 
     def close(self) -> None:
         """Write the summary and close."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
     def _flush_when_due(self) -> None:
         now_s = monotonic()
         if self._flushed_s is None or now_s - self._flushed_s >= self._flush_s:
             self._flushed_s = now_s
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
 
 
 def _log_entry(t_us: int, text: Text) -> bytes:

@@ -27,6 +27,7 @@ Indices = NDArray[np.int64]
 _MOST_PERIODS = 5  # a tick later than this does not make the command leap
 _LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
 _LIFT_S = 5.0
+_LEFT_M = 1e-3  # a reference this far from its start over ground has left it
 
 
 @dataclass(frozen=True)
@@ -152,8 +153,10 @@ class Tracker:
         return asked
 
     def _when_at(self, height_m: float) -> float:
-        """When the reference first comes to a height, or to its own greatest one."""
-        z = self._reference.xyz_m[:, 2]
+        """When the reference, over its start, first comes to a height, or to the greatest one that it has there."""
+        xyz = self._reference.xyz_m
+        away = np.hypot(*(xyz[:, :2] - xyz[0, :2]).T) > _LEFT_M
+        z = xyz[: int(np.argmax(away)) if away.any() else len(xyz), 2]
         return float(self._reference.t_s[np.argmax(z >= min(height_m, float(z.max())))])
 
     def _tick(self, solution: MpcSolution, rung: Rung, fault: Fault, snap: Array, ahead_m: Array) -> Tick:

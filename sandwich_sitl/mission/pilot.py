@@ -94,7 +94,8 @@ class Pilot:
     def whereabouts(self, view: VehicleView) -> Whereabouts:
         """Where the flight is: the reference's own time, and the vehicle in the world."""
         flying = self._tracker is not None
-        return Whereabouts(self._tracker.clock.t_s if self._tracker is not None else 0.0, flying, view.r_m)
+        r_m = None if view.r_m is None else view.r_m - np.array([0.0, 0.0, self.ground_m])
+        return Whereabouts(self._tracker.clock.t_s if self._tracker is not None else 0.0, flying, r_m)
 
     def adopt(self, replan: Replan) -> None:
         """Fly another reference from now on; it agrees with the present one up to now."""

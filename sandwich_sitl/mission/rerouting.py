@@ -4,6 +4,7 @@ State: the obstacles known, the plan in force, the question under way. Input, ea
 time sigma, where the vehicle is, the planner's answer. Output: `RerouteOrders`.
 
     report ──> malformed, outside the world, known already ──> a line in the log
+           ├─> low enough for what is left of the way (floors) ─> remembered; the plan stands
            ├─> on top of the vehicle ────────────────────────> stop at once
            ├─> keeps clear of what is left of the corridor ──> remembered; the plan stands
            └─> else ─> question to the planner, from sigma + lead on
@@ -29,7 +30,7 @@ from sandwich_sitl.mission.sightings import Explained
 from sandwich_sitl.planning.corridor import between_samples_m, speeds_mps
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.replan import Question, Replan, Verdict, change_over
-from sandwich_sitl.world.world import matter
+from sandwich_sitl.world.world import Obstacle, matter
 
 Array = NDArray[np.float64]
 
@@ -105,8 +106,9 @@ class Rerouting:
         self._reference, self._corridor = plan.reference, plan.corridor
         self._period_s = 1.0 / config.mpc.rate_hz
         self._known = [shapely.Polygon(ring) for ring in plan.obstacles_m]
+        self._tops_m = plan.blocking_heights_m.tolist()
         self._names = set(plan.obstacle_names)
-        self._explained = Explained.by(self._known)
+        self._explained = Explained.by(self._known, self._tops_m)
         self._unlearnt: list[ObstacleReport] = []  # what the planner has not been told yet
         self._attempt: _Attempt | None = None  # set while the plan in force needs another
         self._pending: _Pending | None = None
@@ -156,22 +158,52 @@ class Rerouting:
         if not matter([obstacle.polygon], self._bounds_m, reach_m)[0]:
             log.append(("warning", f"obstacle '{obstacle.name}' lies outside the world and is left alone"))
             return False
-        beside = self._explained.tree.query(obstacle.polygon)
-        if any(self._known[k].buffer(_COVERED_M).covers(obstacle.polygon) for k in beside.tolist()):
+        if self._is_known(obstacle):
             log.append(("debug", f"obstacle '{obstacle.name}' is known already"))
             return False
         if obstacle.name in self._names and report.source is Source.MESSAGE:
             log.append(("warning", f"obstacle '{obstacle.name}' is reported elsewhere too: both outlines count"))
         self._known.append(obstacle.polygon)
+        self._tops_m.append(self._top_m(obstacle))
         self._names.add(obstacle.name)
-        self._explained = Explained.by(self._known)
+        self._explained = Explained.by(self._known, self._tops_m)
         self._unlearnt.append(report)
+        if self._flown_over(at.sigma_s, obstacle):
+            log.append(("info", f"obstacle '{obstacle.name}' heard of: the way leads over it"))
+            return True
         if at.r_m is not None and obstacle.polygon.distance(shapely.Point(at.r_m[:2])) < radius_m:
             self._give_up(f"obstacle '{obstacle.name}' is reported on top of the vehicle", log)
             return True
         touches = self._check(now_s, at, report)
         log.append(("info", f"obstacle '{obstacle.name}' heard of: {_account(touches)}"))
         return True
+
+    def _top_m(self, obstacle: Obstacle) -> float:
+        """How high an obstacle is in the way: infinitely, where its height is unknown or there is one floor."""
+        floors = len(self._corridor.z_m) > 0
+        return obstacle.height_m if floors and obstacle.height_m is not None else np.inf
+
+    def _is_known(self, obstacle: Obstacle) -> bool:
+        """Whether an obstacle lies in one that is at least as high."""
+        return any(
+            self._tops_m[k] >= self._top_m(obstacle) and self._known[k].buffer(_COVERED_M).covers(obstacle.polygon)
+            for k in self._explained.tree.query(obstacle.polygon).tolist()
+        )
+
+    def _flown_over(self, sigma_s: float, obstacle: Obstacle) -> bool:
+        """Whether an obstacle stays below every region near it that is left, and out of the landing."""
+        planner, interval_s = self._config.planner, self._config.mpc.step_s
+        top_m = self._top_m(obstacle) + planner.vehicle_radius_m
+        goal = shapely.Point(self._config.goal_m)
+        if np.isinf(top_m) or obstacle.polygon.distance(goal) < planner.vehicle_radius_m + planner.margin_m:
+            return False
+        left = np.unique(self._reference.region[change_over(self._reference, sigma_s) :])
+        fastest = np.array([planner.speed_mps, max(planner.climb_mps, planner.descent_mps)])
+        aside_m, below_m = between_samples_m(fastest, interval_s).tolist()
+        reached = left[self._corridor.z_m[left, 0] - below_m < top_m]
+        regions = [shapely.Polygon(self._corridor.polygons_m[m]) for m in reached.tolist()]
+        kept_m = planner.vehicle_radius_m + aside_m
+        return not len(shapely.STRtree(regions).query(obstacle.polygon, predicate="dwithin", distance=kept_m))
 
     def _check(self, now_s: float, at: Whereabouts, report: ObstacleReport) -> bool:
         """Whether the plan in force must give way to an obstacle; if so, another is asked for."""

@@ -25,33 +25,42 @@ Array = NDArray[np.float64]
 
 _JUMP_M = 0.6
 _STRAIGHT_M = 0.25
+_NEARLY_M = 1.0  # a vehicle may be lower than it believes
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Obstacles that returns may come from, by place."""
+    """Obstacles that returns may come from, by place, and their tops (n,)."""
 
     tree: shapely.STRtree
+    tops_m: Array
 
     @classmethod
-    def by(cls, polygons: Iterable[shapely.Polygon]) -> "Explained":
-        """Index polygons."""
-        return cls(shapely.STRtree(list(polygons)))
+    def by(cls, polygons: Iterable[shapely.Polygon], tops_m: Sequence[float] | None = None) -> "Explained":
+        """Index polygons; without tops they reach every altitude."""
+        tree = shapely.STRtree(list(polygons))
+        return cls(tree, np.full(len(tree.geometries), np.inf) if tops_m is None else np.array(tops_m, dtype=float))
 
-    def near(self, points: Array, within_m: Array) -> NDArray[np.bool_]:
-        """Which points (n, 2) lie within their distance (n,) of an obstacle."""
+    def near(self, points: Array, within_m: Array, altitude_m: float) -> NDArray[np.bool_]:
+        """Which points (n, 2) at an altitude lie within their distance (n,) of an obstacle that reaches it, or nearly."""
         found = np.zeros(len(points), dtype=bool)
         if len(self.tree.geometries) and len(points):
-            found[self.tree.query(shapely.points(points), predicate="dwithin", distance=within_m)[0]] = True
+            which, owner = self.tree.query(shapely.points(points), predicate="dwithin", distance=within_m)
+            found[which[self.tops_m[owner] > altitude_m - _NEARLY_M]] = True
         return found
 
 
-def unexplained(scan: RangeScan, known: Explained, config: ReplanConfig) -> list[shapely.Polygon]:
-    """Outlines of what the scan shows beside the known obstacles, one a straight piece."""
+def unexplained(
+    scan: RangeScan, known: Explained, config: ReplanConfig, altitude_m: float = -np.inf
+) -> list[shapely.Polygon]:
+    """Outlines of what the scan shows beside the known obstacles, one a straight piece.
+
+    `altitude_m` is that of the scan: a known obstacle that ends well below it explains nothing.
+    """
     hits = np.flatnonzero(np.isfinite(scan.ranges_m))
     points = scan.origin_m + scan.ranges_m[hits, None] * _directions(scan.bearings_rad[hits])
     doubt_m = config.sensor_tolerance_m + scan.ranges_m[hits] * np.tan(scan.width_rad / 2)
-    new = hits[~known.near(points, doubt_m)]
+    new = hits[~known.near(points, doubt_m, altitude_m)]
     return [
         _outline(scan, piece, config.sensor_depth_m)
         for cluster in _clusters(scan, new.tolist())

@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.flight_plan import Corridor
+from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.reader import RunLog
 
 Array = NDArray[np.float64]
@@ -22,19 +23,32 @@ Section = dict[str, Any]
 
 @dataclass(frozen=True)
 class Appeared:
-    """An obstacle that is there from `t_s` on."""
+    """An obstacle that is there from `t_s` on, and how high it is in the way."""
 
     name: str
     t_s: float
     polygon: shapely.Polygon
+    top_m: float
 
 
 def appeared(log: RunLog) -> tuple[Appeared, ...]:
     """Obstacles that the map did not show: the vehicle's own, then the reported ones."""
     configuration = json.loads(log.metadata.get("vehicle", {}).get("configuration", "{}"))
     hidden = configuration.get("vehicle", {}).get("obstacles", ())
-    own = tuple(Appeared(o["name"], float(o["appears_s"]), shapely.Polygon(o["polygon_m"])) for o in hidden)
-    named = tuple(Appeared(o.name, o.heard_s, shapely.Polygon(o.ring_m)) for o in log.reported if o.source == "message")
+    floors = log.plan is not None and log.plan.floors is not None
+
+    def top(height_m: float | None) -> float:
+        return height_m if floors and height_m is not None else np.inf
+
+    own = tuple(
+        Appeared(o["name"], float(o["appears_s"]), shapely.Polygon(o["polygon_m"]), top(o.get("height_m")))
+        for o in hidden
+    )
+    named = tuple(
+        Appeared(o.name, o.heard_s, shapely.Polygon(o.ring_m), top(o.height_m))
+        for o in log.reported
+        if o.source == "message"
+    )
     return own + named
 
 
@@ -42,10 +56,10 @@ def appeared_clearance_m(log: RunLog, flown: NDArray[np.bool_]) -> float | None:
     """Least distance of the true path, at its samples `flown` (N,), to obstacles while they were there."""
     least = []
     for obstacle in appeared(log):
-        xy = log.truth.r_m[flown & (log.truth.t_s >= obstacle.t_s), :2]
-        if len(xy):
-            path = shapely.LineString(xy) if len(xy) > 1 else shapely.Point(xy[0])
-            least.append(float(shapely.distance(obstacle.polygon, path)))
+        path_m = log.truth.r_m[flown & (log.truth.t_s >= obstacle.t_s)]
+        if len(path_m):
+            ring_m = shapely.get_coordinates(obstacle.polygon.exterior)
+            least.append(Prisms([ring_m], np.array([obstacle.top_m])).distance_of_path_m(path_m))
     return min(least, default=None)
 
 

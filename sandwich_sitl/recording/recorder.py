@@ -19,10 +19,10 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
-from quick_mcap.writer import QuickWriter
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording import messages
@@ -59,7 +59,7 @@ class RunRecorder:
             raise InputError(
                 f"{path}: cannot be created ({error.strerror}); give a directory that can be written"
             ) from error
-        self._writer = QuickWriter(self._file, CHUNK_BYTES)
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(library="sandwich-sitl")
         self._channels = _register(self._writer)
         self._path = path
@@ -205,7 +205,7 @@ class RunRecorder:
         self.metadata("wall_timing", {"first_tick": self._first_tick, **columns})
 
 
-def _register(writer: QuickWriter) -> dict[str, int]:
+def _register(writer: Writer) -> dict[str, int]:
     schemas = {kind: register_schema(writer, kind) for kind in dict.fromkeys(PROTOBUF_TOPICS.values())}
     channels = {
         topic: writer.register_channel(topic, "protobuf", schemas[kind]) for topic, kind in PROTOBUF_TOPICS.items()

@@ -20,11 +20,12 @@ _WAY = "#8e44ad"
 _BAND = "#1d9a52"
 
 
-def draw_low_obstacles(axes: Axes, plan: FlightPlan) -> None:
-    """The obstacles that the route's floor does not see, over the others, and every known height."""
-    low = plan.obstacle_heights_m + plan.vehicle_radius_m < plan.map_altitude_m
-    rings = [Polygon(ring) for ring, flown_over in zip(plan.obstacles_m, low, strict=True) if flown_over]
-    axes.add_collection(PatchCollection(rings, facecolor=_LOW, zorder=2.4))
+def draw_obstacles(axes: Axes, plan: FlightPlan) -> None:
+    """The obstacles below the route's floor, lighter, with the higher over the lower; and every known height."""
+    order = np.argsort(plan.blocking_heights_m, kind="stable").tolist()
+    colours = [_LOW if plan.blocking_heights_m[number] < plan.map_altitude_m else _TALL for number in order]
+    patches = [Polygon(plan.obstacles_m[number]) for number in order]
+    axes.add_collection(PatchCollection(patches, facecolor=colours, zorder=2.6))
     for ring, height in zip(plan.obstacles_m, plan.obstacle_heights_m, strict=True):
         if np.isfinite(height):
             place = shapely.Polygon(ring).representative_point()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sandwich_sitl.channels.channel_map import ChannelMap
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.recording.scene import bay_lines, dividing_streamlines
-from sandwich_sitl.viewing.floor_picture import draw_low_obstacles
+from sandwich_sitl.viewing.floor_picture import draw_obstacles
 from sandwich_sitl.viewing.planning_space import PlanningSpace
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def draw_world(axes: Axes, plan: FlightPlan) -> None:
         axes.add_patch(Polygon(ring, facecolor=_GROWN, edgecolor="#6f737b", linewidth=0.6, linestyle="--", zorder=1))
     axes.add_collection(PatchCollection([Polygon(r) for r in plan.obstacles_m], facecolor=_OBSTACLE, zorder=2.5))
     if plan.floors is not None:
-        draw_low_obstacles(axes, plan)
+        draw_obstacles(axes, plan)
     x_min, y_min, x_max, y_max = plan.bounds_m
     axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), aspect="equal", xlabel="x east [m]", ylabel="y north [m]")
 

@@ -176,6 +176,16 @@ def test_a_vehicle_in_the_air_already_is_met_at_its_height(height_m: float) -> N
     assert tick.setpoint[2] == pytest.approx(height_m, abs=0.01)
 
 
+def test_a_vehicle_too_high_for_its_first_floor_still_begins_at_the_start() -> None:
+    """The reference comes to the vehicle's height much later too, on its way to the next floor: not there."""
+    level, (_, corridor) = climb_and_go(), flight()
+    rising = level.xyz_m + np.outer(0.4 * level.xyz_m[:, 0], [0.0, 0.0, 1.0])
+    reference, config = dataclasses.replace(level, xyz_m=rising), run_config()
+    there = np.array([*reference.xyz_m[0, :2], 10.3])
+    tick = Tracker(config, mpc_of(config), reference, corridor, there).tick(0.0, there, np.zeros(3), 0.0)
+    np.testing.assert_allclose(tick.desired_m, [*reference.xyz_m[0, :2], 10.0], atol=0.06)
+
+
 def test_wind_is_countered_from_the_moment_the_ground_lets_go() -> None:
     """A vehicle blown aside while it leaves the ground: the plan leans against it before it counts as flying."""
     reference, (_, corridor) = climb_and_go(), flight()

@@ -5,13 +5,14 @@ The run: armed at 1 s, ACTIVE from 2 s to 12 s along y = 5 m at 3 m/s and 10 m h
 second.
 """
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 from shapely import Polygon
 
 from sandwich_sitl.channels.channel_map import ChannelMap, MapQuality
-from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
+from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, FloorFigures, FloorPlan, Reference
 from sandwich_sitl.recording.merge import merge_logs
 from sandwich_sitl.recording.messages import nanoseconds
 from sandwich_sitl.recording.recorder import RunRecorder
@@ -87,6 +88,18 @@ def small_plan(*, obstacles: bool = True) -> FlightPlan:
         ),
         seconds={"channel map": 0.5, "route": 0.25},
     )
+
+
+def plan_with_floors(height_m: float) -> FlightPlan:
+    """The same plan flown at 10 m over the obstacle of a height, in regions from 9 m to 11 m."""
+    plan = small_plan()
+    figures = (
+        FloorFigures(5.0, 1, 0, 0, *[np.nan] * 4, climb_cost_m=0.0, refused="no route"),
+        FloorFigures(10.0, 0, 2, 574, 36.5, 36.0, 36.0, 36.0, climb_cost_m=15.0),
+    )
+    floors = FloorPlan(figures, flown=1, length_m=36.0, climbed_m=5.0, descended_m=5.0, changes=2)
+    corridor = dataclasses.replace(plan.corridor, z_m=np.array([[9.0, 11.0]] * 3))
+    return dataclasses.replace(plan, floors=floors, corridor=corridor, obstacle_heights_m=np.array([height_m]))
 
 
 def control_record(t_s: float, index: int = 0, **changes: object) -> ControlRecord:

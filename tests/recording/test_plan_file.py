@@ -10,7 +10,6 @@ import pytest
 import run_samples
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.planning.flight_plan import FloorFigures, FloorPlan
 from sandwich_sitl.recording.plan_file import load_plan, plan_bytes, plan_from_bytes, save_plan
 
 
@@ -40,16 +39,13 @@ def test_round_trip(tmp_path: Path, obstacles: bool) -> None:
 
 
 def test_floors_make_the_round_trip_too() -> None:
-    plan = run_samples.small_plan()
-    none = float("inf")
-    figures = (
-        FloorFigures(10.0, 1, 2, 574, 36.5, 36.0, 36.0, 36.0, 0.0),
-        FloorFigures(20.0, 0, 0, 0, *[none] * 4, 9.0, "no"),
-    )
-    floors = FloorPlan(figures, flown=0, length_m=36.0, climbed_m=0.0, descended_m=0.0, changes=0)
-    z_m = np.array([[9.0, 11.0]] * 3)
-    high = dataclasses.replace(plan, floors=floors, corridor=dataclasses.replace(plan.corridor, z_m=z_m))
-    assert_same(high, plan_from_bytes(plan_bytes(high)))
+    plan = run_samples.plan_with_floors(7.0)
+    read = plan_from_bytes(plan_bytes(plan))
+    assert plan_bytes(read) == plan_bytes(plan)
+    assert plan.floors is not None
+    assert read.floors is not None
+    assert read.floors.figures[1] == plan.floors.figures[1]
+    assert_same(read.corridor, plan.corridor)
 
 
 def test_equal_plans_give_equal_bytes_whatever_their_wall_times() -> None:

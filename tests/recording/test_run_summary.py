@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import run_samples
 
-from sandwich_sitl.planning.flight_plan import FlightFigures, FloorFigures, FloorPlan
+from sandwich_sitl.planning.flight_plan import FlightFigures
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.summary import clearance_m, format_summary, lost_frames, summarise, tracking_error
 from sandwich_sitl.recording.tracks import Frame, PoseTrack
@@ -113,28 +113,28 @@ def test_clearance_is_measured_between_the_samples() -> None:
 
 def test_what_is_flown_over_counts_by_the_air_between() -> None:
     """The same path in plan, 3 m above an obstacle of 7 m: with one floor it is touched, with floors it is not."""
-    plan = dataclasses.replace(run_samples.small_plan(), obstacle_heights_m=np.array([7.0]))
-    figures = (FloorFigures(10.0, 0, 1, 574, 36.0, 36.0, 36.0, 36.0, 0.0),)
-    floors = FloorPlan(figures, flown=0, length_m=36.0, climbed_m=0.0, descended_m=0.0, changes=0)
     over = np.array([[15.0, 11.0, 10.0], [15.0, 19.0, 10.0]])
-    assert clearance_m(over, plan) == 0.0
-    assert clearance_m(over, dataclasses.replace(plan, floors=floors)) == pytest.approx(3.0)
-    unknown = dataclasses.replace(plan, floors=floors, obstacle_heights_m=np.array([np.nan]))
-    assert clearance_m(over, unknown) == 0.0
+    high = run_samples.plan_with_floors(7.0)
+    assert clearance_m(over, dataclasses.replace(high, floors=None)) == 0.0
+    assert clearance_m(over, high) == pytest.approx(3.0)
+    assert clearance_m(over, run_samples.plan_with_floors(np.nan)) == 0.0
 
 
 def test_samples_above_or_below_their_region_are_counted(run_log: RunLog) -> None:
-    plan = run_log.plan
-    assert plan is not None
-    z_m = np.array([[9.0, 11.0]] * 3)
-    bounded = dataclasses.replace(plan, corridor=dataclasses.replace(plan.corridor, z_m=z_m))
     truth = run_log.truth
     r_m = truth.r_m.copy()
     r_m[:, 2] = 10.0
     r_m[(truth.t_s > 2.949) & (truth.t_s < 3.951), 2] = 11.5
     r_m[(truth.t_s > 4.949) & (truth.t_s < 5.451), 2] = 8.5
-    log = dataclasses.replace(run_log, plan=bounded, truth=PoseTrack(truth.t_s, r_m, truth.q_wxyz))
-    assert summarise(log)["flight"]["quadrangle_violations"] == 15
+    high = run_samples.plan_with_floors(7.0)
+    log = dataclasses.replace(run_log, plan=high, truth=PoseTrack(truth.t_s, r_m, truth.q_wxyz))
+    summary = summarise(log)
+    assert summary["flight"]["quadrangle_violations"] == 15
+    assert summary["floors"] == {
+        "altitude_m": 10.0, "length_m": 36.0, "climbed_m": 5.0, "descended_m": 5.0, "changes": 2, "least_headroom_m": None
+    }  # fmt: skip
+    assert "floors   altitude_m 10.000" in format_summary(summary)
+    assert "floors" not in format_summary(summarise(run_log))
 
 
 def test_lost_frames_are_gaps_and_nothing_else() -> None:

@@ -209,6 +209,10 @@ def test_row_15_battery_levels_and_actions(action: int, mode: int) -> None:
     said = [text for text in texts(heard) if "attery" in text]
     assert said[:2] == ["Low battery level", "Critical battery"]
     assert beat(heard)[0] == mode
+    client.node.vehicle.flight.battery[0] = 0.049
+    heard = stream(client, 1.2)
+    assert [text for text in texts(heard) if "attery" in text][:1] == ["Emergency battery level"]
+    assert beat(heard)[0] == (LAND if action else OFFBOARD)
 
 
 def test_row_16_rates_within_five_percent(client: Client) -> None:

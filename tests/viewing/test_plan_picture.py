@@ -34,6 +34,18 @@ def test_the_picture_holds_routes_obstacles_and_barred_nodes(tmp_path: Path, obs
     assert plt.get_fignums() == figures
 
 
+def test_floors_add_the_altitude_along_the_way_and_what_is_flown_over(tmp_path: Path) -> None:
+    """An obstacle of 7 m is light under the floor of 10 m, one of 70 m is not; the regions' altitudes are a band."""
+    pictures = []
+    for height_m in (7.0, 70.0):
+        draw_plan(run_samples.plan_with_floors(height_m), tmp_path / "plan.png")
+        pictures.append(matplotlib.image.imread(tmp_path / "plan.png"))
+    low, tall = pictures
+    assert pixels_of(low, "#c9a66b") > 10_000 > pixels_of(tall, "#c9a66b")
+    assert pixels_of(tall, "#8b8f98") > 10_000 > pixels_of(low, "#8b8f98")
+    assert pixels_of(low, "#c6e6d4") > 5_000  # a quarter of the band's green on white
+
+
 def test_a_flown_track_takes_the_place_of_the_reference_and_its_speeds(tmp_path: Path) -> None:
     """At rest for half of the time: the slow half is drawn in the colour of no speed, in both spaces."""
     plan = run_samples.small_plan()
