@@ -39,7 +39,7 @@ def _realtime(config_path: Path, seconds: float) -> int:
     from sandwich_sitl.bench.loop_realtime import lateness, start_up
 
     for name, cold in (("first start of an installation", True), ("start", False)):
-        seen = start_up(config_path, cold, watched_s=25.0 if cold else 2.0)  # cold: until it has compiled
+        seen = start_up(config_path, cold)
         print(
             f"{name}: first heartbeat after {seen.wall_s:.2f} s, {seen.processor_s:.2f} s of processor time; "
             f"at most {seen.memory_mib:.0f} MiB"

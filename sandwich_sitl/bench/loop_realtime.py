@@ -22,6 +22,7 @@ from sandwich_sitl.errors import LinkError
 
 _FIRST_S = 30.0
 _STOP_S = 10.0
+_COMPILED_S = 120.0
 _PERIOD_S = 0.01
 
 
@@ -34,15 +35,17 @@ class StartUp:
     memory_mib: float
 
 
-def start_up(config_path: Path, cold: bool, watched_s: float = 2.0) -> StartUp:
-    """Start it and look on for `watched_s`; `cold` is the first start of an installation, nothing compiled yet."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        _Vehicle(config_path, 1.0, {"NUMBA_CACHE_DIR": folder} if cold else {}) as vehicle,
-    ):
-        wall_s, processor_s = vehicle.first_datagram()
-        time.sleep(watched_s)
-        return StartUp(wall_s, processor_s, peak_memory_mib(vehicle.process.pid))
+def start_up(config_path: Path, cold: bool) -> StartUp:
+    """Start it and look on for a while; `cold` is the first start of an installation, watched until its kernel is compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {"NUMBA_CACHE_DIR": folder} if cold else {}
+        with _Vehicle(config_path, 1.0, environment) as vehicle:
+            wall_s, processor_s = vehicle.first_datagram()
+            deadline = time.monotonic() + _COMPILED_S
+            while cold and not any(Path(folder).rglob("*.nbc")) and time.monotonic() < deadline:
+                time.sleep(0.1)
+            time.sleep(10.0 if cold else 2.0)  # it loads what was compiled
+            return StartUp(wall_s, processor_s, peak_memory_mib(vehicle.process.pid))
 
 
 def lateness(config_path: Path, speed: float, seconds: float) -> tuple[str, str]:

@@ -1,7 +1,8 @@
 """Looking a plan's times up, compiled: arrays of a few dozen numbers, where every numpy call costs more than its work.
 
-`between` interpolates a table with even time steps, `resumed` is the reference clock's sigma(t) and `slowed_progress`
-the progress of a plan that is slowed down to a stop; the equations stand where they are used.
+`between` interpolates a table with even time steps, `resumed` is the reference clock's sigma(t), `slowed_progress` the
+progress of a plan that is slowed down to a stop, `drifting` the estimator's offset to come and `carried_on` its command
+of a moment; the equations stand where they are used.
 """
 
 from collections.abc import Callable
@@ -45,9 +46,42 @@ def _slowed_progress(times_s: Array, stop_s: float) -> tuple[Array, Array]:
     return s, rate
 
 
+def _drifting(times_s: Array, error: Array, drift_s: float, limit_m: float) -> Array:
+    offset = np.empty((len(times_s), 3))
+    for i in range(len(times_s)):
+        drift = drift_s * (1.0 - np.exp(-times_s[i] / drift_s))
+        for d in range(3):
+            offset[i, d] = error[0, d] + drift * error[1, d]
+        size = np.sqrt(offset[i, 0] * offset[i, 0] + offset[i, 1] * offset[i, 1] + offset[i, 2] * offset[i, 2])
+        share = limit_m / max(size, limit_m)
+        for d in range(3):
+            offset[i, d] *= share
+    return offset
+
+
+def _carried_on(t_s: float, times_s: Array, states: Array, newest: int, longest_s: float) -> Array:
+    back = newest
+    for _ in range(len(times_s) - 1):
+        if times_s[back] <= t_s:
+            break
+        back = (back - 1) % len(times_s)
+    dt = min(max(0.0, t_s - times_s[back]), longest_s)
+    moved = np.empty(12)
+    for d in range(3):
+        r, v, a, j = states[back, d], states[back, 3 + d], states[back, 6 + d], states[back, 9 + d]
+        moved[d] = r + dt * (v + dt * (a / 2 + dt * j / 6))
+        moved[3 + d] = v + dt * (a + dt * j / 2)
+        moved[6 + d], moved[9 + d] = a + dt * j, j
+    return moved
+
+
 #: Values (n, d) and labels (n,) of `table` (K, d) and `label` (K,), a row every `period_s`, at times (n,), held at both ends.
 between: Callable[[Array, float, Array, Indices], tuple[Array, Indices]] = numba.njit(cache=True)(_between)
 #: sigma (n,) at times (n,) from now, from sigma, its rate, and the slope of the rate towards one.
 resumed: Callable[[Array, float, float, float], Array] = numba.njit(cache=True)(_resumed)
 #: Seconds of the plan (n,) and rate (n,) at times (n,) after a stop of `stop_s` began.
 slowed_progress: Callable[[Array, float], tuple[Array, Array]] = numba.njit(cache=True)(_slowed_progress)
+#: Offset (n, 3) at times (n,) from now, of an error (>= 2, 3) that drifts on at its speed for about `drift_s`, at most `limit_m` long.
+drifting: Callable[[Array, Array, float, float], Array] = numba.njit(cache=True)(_drifting)
+#: State (12,) at `t_s` of a ring of states (K, 12) sent at times (K,): the newest not after it, carried on by at most `longest_s`.
+carried_on: Callable[[float, Array, Array, int, float], Array] = numba.njit(cache=True)(_carried_on)
