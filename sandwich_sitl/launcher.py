@@ -13,7 +13,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
@@ -106,6 +106,9 @@ def make_plan(config: RunConfig, config_path: Path, progress: Progress) -> Fligh
         progress.note(
             f"map: {area:.2g} m2 of free ground are left out, slivers thinner than a tenth of a cell: {names}"
         )
+    for floor in plan.floors.figures if plan.floors is not None else ():
+        if floor.refused:
+            progress.note(f"floor {floor.altitude_m:g} m: {floor.refused}")
     ends = [began for _, began in stages[1:]] + [time.perf_counter()]
     return dataclasses.replace(
         plan, seconds={name: end - began for (name, began), end in zip(stages, ends, strict=True)}
@@ -119,14 +122,16 @@ def run(
     progress: Progress,
     live: bool,
     vehicle_program: Sequence[str] = ("vehicle_sim",),
+    planner: Callable[[RunConfig, Path, Progress], FlightPlan] | None = None,
 ) -> RunResult:
     """One whole run into the existing directory `out`: both logs, `run.mcap`, `summary.json`.
 
-    `vehicle_program` is the module that is started with the command line of `vehicle-sim`, and what it wants before that.
+    `vehicle_program` is the module that is started with the command line of `vehicle-sim`, and what it wants before that;
+    `planner` stands in for `make_plan` where a bench flies plans of its own.
     """
     check_vehicle_section(config, config_path)
     ports = _ports(config, config_path)
-    plan = make_plan(config, config_path, progress)
+    plan = (planner or make_plan)(config, config_path, progress)
     config = dataclasses.replace(config, link=dataclasses.replace(config.link, uri=f"udpin://{ports.offboard}"))
     vehicle_log = out / "vehicle.mcap"
     if live:
@@ -168,6 +173,7 @@ def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Prog
                 "reason": result.outcome.reason,
                 "wall_seconds": f"{result.wall_seconds:.3f}",
                 "late_ticks": str(result.link.late_ticks),
+                "worst_late_s": f"{result.link.worst_late_s:.4f}",
                 "retries": str(result.link.retries),
             },
         )

@@ -82,7 +82,7 @@ def _floor_lines(floors: FloorPlan) -> list[str]:
     for number, floor in enumerate(floors.figures):
         mark = "*" if number == floors.flown else " "
         if floor.refused:
-            lines.append(f"{floor.altitude_m:6.1f} m{mark}  no route: {floor.refused}")
+            lines.append(f"{floor.altitude_m:6.1f} m{mark}  {floor.refused}")
             continue
         lengths = (floor.grid_astar_m, floor.sandwich_m, floor.route_m, floor.exact_m)
         lines.append(

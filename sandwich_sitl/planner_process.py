@@ -28,30 +28,31 @@ _STOP_S = 5.0
 
 @dataclass(frozen=True)
 class Answer:
-    """A plan, and the wall time that it took."""
+    """A plan, and the wall and processor time that it took."""
 
     replan: Replan
     wall_s: float
+    cpu_s: float
 
 
 class Planner(Protocol):
-    """Answers one question at a time."""
+    """Answers the newest question."""
 
     def ask(self, question: Question) -> None:
-        """Begin to plan."""
+        """Begin to plan; a question under way is of no interest any more."""
 
     def answer(self) -> Answer | None:
-        """The answer, or None while there is none yet."""
+        """The answer to the newest question, or None while there is none yet."""
 
     def close(self) -> None:
         """End."""
 
 
 class InlinePlanner:
-    """Plans when it is asked for the answer."""
+    """Plans when it is asked for the answer. `keeps`: obstacles of one question are known in the next."""
 
-    def __init__(self, config: RunConfig, plan: FlightPlan) -> None:
-        self._config, self._plan = config, plan
+    def __init__(self, config: RunConfig, plan: FlightPlan, *, keeps: bool = True) -> None:
+        self._config, self._plan, self._keeps = config, plan, keeps
         self._known: Known | None = None
         self._question: Question | None = None
 
@@ -64,26 +65,30 @@ class InlinePlanner:
         if self._question is None:
             return None
         question, self._question = self._question, None
-        begun = time.perf_counter()
-        known = Known.of(self._plan) if self._known is None else self._known
-        self._known = learnt(self._config, known, question.obstacles)
-        found = replan(self._config, self._known, question)
-        return Answer(found, time.perf_counter() - begun)
+        begun, begun_cpu = time.perf_counter(), time.process_time()
+        before = Known.of(self._plan) if self._known is None else self._known
+        known = learnt(self._config, before, question.obstacles)
+        self._known = known if self._keeps else before
+        found = replan(self._config, known, question)
+        return Answer(found, time.perf_counter() - begun, time.process_time() - begun_cpu)
 
     def close(self) -> None:
         """Nothing to end."""
 
 
 class PlannerProcess:
-    """A process that plans; context manager. Creating one waits until it is ready, at most `_START_S`."""
+    """An `InlinePlanner` in a process of its own; context manager. Creating one waits until it is ready, at most
+    `_START_S`.
+    """
 
-    def __init__(self, config: RunConfig, plan: FlightPlan) -> None:
+    def __init__(self, config: RunConfig, plan: FlightPlan, *, keeps: bool = True) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, config, plan), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, config, plan, keeps), daemon=True)
         self._process.start()
         theirs.close()
         self._asked: Question | None = None
+        self._overtaken = 0  # questions under way whose answers nobody wants
         self._ready = self._connection.poll(_START_S) and self._received() == "ready"
 
     def __enter__(self) -> Self:
@@ -96,6 +101,7 @@ class PlannerProcess:
 
     def ask(self, question: Question) -> None:
         """Send the question."""
+        self._overtaken += self._asked is not None
         self._asked = question
         if self._ready:
             try:
@@ -107,6 +113,9 @@ class PlannerProcess:
         """What the process has answered; a process that is gone has no plan."""
         if self._asked is None:
             return None
+        while self._ready and self._connection.poll() and self._overtaken:
+            self._overtaken -= 1
+            self._received()
         if self._ready and not self._connection.poll():
             return None
         question, found = self._asked, self._received() if self._ready else None
@@ -115,7 +124,7 @@ class PlannerProcess:
             return found
         self._ready = False
         gone = Replan(Verdict.NONE, question.reference, question.corridor, np.empty((0, 2)), "the planner has ended")
-        return Answer(gone, 0.0)
+        return Answer(gone, 0.0, 0.0)
 
     def close(self) -> None:
         """End the process; a second call does nothing."""
@@ -133,10 +142,10 @@ class PlannerProcess:
         return received
 
 
-def _serve(connection: Connection, config: RunConfig, plan: FlightPlan) -> None:
+def _serve(connection: Connection, config: RunConfig, plan: FlightPlan, keeps: bool) -> None:
     """The process: plan once for practice, then answer until the other side closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the mission's
-    planner = InlinePlanner(config, plan)
+    planner = InlinePlanner(config, plan, keeps=keeps)
     rehearse(config, plan)
     connection.send("ready")
     while True:

@@ -65,6 +65,7 @@ def main() -> int:
     parser.add_argument("--speed", type=float, default=4.0)
     arguments = parser.parse_args()
     failures = 0
+    flown: dict[str, dict[str, str]] = {}
     for client in arguments.only or SCRIPTS:
         python = arguments.clients / client / "bin" / "python"
         if not python.exists():
@@ -81,7 +82,22 @@ def main() -> int:
         if not steps or wrong:
             print(said[-2000:], file=sys.stderr)
         print(f"{client}: {len(steps) - wrong} of {len(steps)} features")
+        flown[client] = {str(step["step"]).replace("_", " "): "pass" if step["ok"] else "FAIL" for step in steps}
+    if len(flown) > 1:
+        print(matrix(flown))
     return int(failures > 0)
+
+
+def matrix(flown: dict[str, dict[str, str]]) -> str:
+    """Feature by client; "-" where a client has no such step."""
+    features = list(dict.fromkeys(feature for steps in flown.values() for feature in steps))
+    width = max(map(len, features))
+    head = " ".join([" " * width, *(f"{client:8s}" for client in flown)])
+    return "\n".join([head] + [_row(feature, width, flown) for feature in features])
+
+
+def _row(feature: str, width: int, flown: dict[str, dict[str, str]]) -> str:
+    return " ".join([feature.ljust(width), *(f"{steps.get(feature, '-'):8s}" for steps in flown.values())]).rstrip()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Command line: `vehicle-sim CONFIG --connect URI`. Runs until SIGINT or SIGTERM; SIGUSR1 pauses and resumes, SIGUSR2 steps once.
 
-`--contract`, `--parameters` and `--bench` print and end.
+`--contract`, `--parameters`, `--physics` and `--bench` print and end.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from vehicle_sim.config import RunConfig, load_run, read_obstacles
+from vehicle_sim.config import RunConfig, VehicleConfig, load_run, read_obstacles
 from vehicle_sim.endpoints import parse_endpoints
 from vehicle_sim.errors import ConfigError, VehicleError
 from vehicle_sim.fleet import run_fleet
@@ -56,6 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--count", type=int, default=1, metavar="N", help="start N vehicles, instances 0 to N-1")
     add("--contract", action="store_true", help="print the state machine, modes and failsafes, and end")
     add("--parameters", action="store_true", help="print the parameter table, and end")
+    add("--physics", action="store_true", help="print what physics and loops do beside what they should, and end")
     add("--bench", type=float, nargs="?", const=60.0, metavar="SECONDS", help="print how fast the vehicle is, and end")
     return parser
 
@@ -65,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if argv is None else argv)
     arguments = build_parser().parse_args(given)
     try:
-        if arguments.contract or arguments.parameters or arguments.bench is not None:
+        if arguments.contract or arguments.parameters or arguments.physics or arguments.bench is not None:
             return _print(arguments)
         _check(arguments)
         return run_fleet(given, arguments.count, arguments.log) if arguments.count > 1 else _fly(arguments)
@@ -75,16 +76,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print(arguments: argparse.Namespace) -> int:
-    from vehicle_sim.bench import describe, run_bench
+    from vehicle_sim import bench, figures
     from vehicle_sim.listing import contract_text, parameters_text
 
     if arguments.contract:
         print(contract_text())
     if arguments.parameters:
         print(parameters_text())
+    config = VehicleConfig()
+    if arguments.config is not None:
+        config = load_run(arguments.config, _overrides(arguments)).vehicle
+    if arguments.physics:
+        print(figures.describe(figures.physics_figures(config)))
     if arguments.bench is not None:
-        config = load_run(arguments.config, _overrides(arguments)).vehicle if arguments.config is not None else None
-        print(describe(run_bench(max(1.0, arguments.bench), config)))
+        print(bench.describe(bench.run_bench(max(1.0, arguments.bench), config)))
     return 0
 
 

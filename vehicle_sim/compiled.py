@@ -39,6 +39,6 @@ def plain(compiled: F) -> F:
 
 
 def is_cached(compiled: Callable[..., Any]) -> bool:
-    """Whether machine code from an earlier run lies beside the package, so that the first call is quick."""
-    source = Path(compiled.__code__.co_filename)
-    return any((source.parent / "__pycache__").glob(f"*{compiled.__qualname__}-*.nbi"))
+    """Whether machine code from an earlier run lies on disk, so that the first call is quick."""
+    where = Path(cast(Any, compiled).stats.cache_path)
+    return any(where.glob(f"*{compiled.__qualname__}-*.nbi"))

@@ -24,6 +24,8 @@ K_HEIGHT, K_CLIMB = 0.1, 0.15
 K_BARO, K_BARO_CLIMB, K_BARO_BIAS = 0.02, 0.01, 0.001
 K_MAG = 0.02
 K_BIAS = 0.1
+#: Without GPS for longer than this, its first fix is believed at once (PX4's reset time-out).
+RESET_AFTER_S = 7.0
 _DECLINATION = atan2(MAGNETIC_FIELD_NED_GAUSS[1], MAGNETIC_FIELD_NED_GAUSS[0])
 
 
@@ -68,6 +70,14 @@ def correct_by_gps(m: Any, fix: Any, then: Any, interval_s: float, has_barometer
     e[5] += k_climb * interval_s * z[5]
     k = K_TILT * interval_s / GRAVITY_MPS2
     _turn(m, rotate_back((e[6], e[7], e[8], e[9]), (k * z[4], -k * z[3], 0.0)))
+
+
+@inlined
+def begin_again_at(m: Any, fix: Any, then: Any) -> None:
+    """After a long time without GPS: believe its horizontal position and velocity at once, as PX4's estimator resets to them."""
+    for i in (0, 1, 3, 4):
+        m.innovation[i] = 0.0
+        m.estimate[i] += fix[i] - then[i]
 
 
 @inlined

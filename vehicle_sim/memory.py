@@ -58,6 +58,7 @@ _FLIGHT = [
     ("error", "f8", 9),
     ("gyro_bias", "f8", 3),  # biases as the estimator believes them
     ("down_bias", "f8"),  # of the accelerometer
+    ("last_fix", "i8"),  # tick in which GPS was last heard
     ("innovation", "f8", 8),  # last ones: GPS position and velocity, height by the barometer (m), heading (rad)
     # slow wander of GPS position and of the barometer's height; by tick: fixes under way, what was believed; the sensors' last sample:
     # specific force, rates, field, pressure, GPS position and velocity
@@ -103,10 +104,12 @@ _CONSTANTS = [
     # errors of the estimate: share kept, kicks of position, velocity, attitude
     ("error_keep", "f8"),
     ("error_kick", "f8", 3),
-    # the estimator: on; sensors: biases of the inertial ones, GPS fixes a tick and their delay in ticks, share of wander kept and its kicks
+    # the estimator: on; sensors: biases of gyroscope, accelerometer and magnetometer, GPS fixes a tick and their delay in ticks, share of
+    # wander kept and its kicks
     ("filter", "i8"),
     ("gyro_bias", "f8", 3),
     ("accel_bias", "f8", 3),
+    ("field_bias", "f8", 3),
     ("fixes_per_tick", "f8"),
     ("gps_delay", "i8"),
     ("wander_keep", "f8"),

@@ -78,6 +78,7 @@ class SensorsConfig:
     gyroscope_std_radps: NonNegative = 0.002
     gyroscope_bias_std_radps: NonNegative = 0.002
     magnetometer_std_gauss: NonNegative = 0.002
+    magnetometer_bias_std_gauss: NonNegative = 0.002
     barometer_std_hpa: NonNegative = 0.02
     barometer_drift_std_m: NonNegative = 0.2
     gps_horizontal_std_m: Annotated[float, Field(ge=0, description="each axis, nearly all of it slow wander")] = 0.3

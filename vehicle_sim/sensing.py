@@ -2,9 +2,9 @@
 
     reading = truth + bias + wander + white noise
 
-IMU: every step, constant biases. Magnetometer: every `readings_every` steps. Barometer: with it, and its height wanders. GPS: position
-(wandering) and velocity at a rate of its own, `gps_delay` ticks late; a tick is one slow step. What is lost keeps its last reading. The
-telemetry shows the same numbers that the estimator is given.
+IMU: every step. Magnetometer: every `readings_every` steps; both with constant biases. Barometer: with it, and its height wanders. GPS:
+position (wandering) and velocity at a rate of its own, `gps_delay` ticks late; a tick is one slow step. What is lost keeps its last
+reading. The telemetry shows the same numbers that the estimator is given.
 
 `m` is the record FLIGHT, `c` CONSTANTS, `n` this step's row of standard normal numbers.
 """
@@ -41,7 +41,8 @@ def sense_field_and_pressure(m: Any, c: Any, n: Any) -> None:
     """Magnetometer and barometer."""
     x, std = state_of(m.x), c.sensor_std
     if not c.sensors_lost & MAG_LOST:
-        put(m.readings, noisy(magnetic_field(x), std[2], three(n, _MAG)), 6)
+        f, b = magnetic_field(x), c.field_bias
+        put(m.readings, noisy((f[0] + b[0], f[1] + b[1], f[2] + b[2]), std[2], three(n, _MAG)), 6)
     if not c.sensors_lost & BARO_LOST:
         m.readings[9] = pressure_hpa(c.ground_altitude - x.d - m.wander[3]) + std[3] * n[_BARO]
 

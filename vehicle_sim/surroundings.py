@@ -8,7 +8,15 @@ from typing import Any
 
 from vehicle_sim.battery import BatteryState, Pack, step_battery
 from vehicle_sim.compiled import inlined
-from vehicle_sim.estimator import Inertial, correct_by_barometer, correct_by_gps, correct_by_magnetometer, dead_reckon
+from vehicle_sim.estimator import (
+    RESET_AFTER_S,
+    Inertial,
+    begin_again_at,
+    correct_by_barometer,
+    correct_by_gps,
+    correct_by_magnetometer,
+    dead_reckon,
+)
 from vehicle_sim.memory import four, put, rotor_model, state_of, three
 from vehicle_sim.noise import NOISE_COLUMNS, first_column
 from vehicle_sim.rotation import Vector
@@ -66,7 +74,11 @@ def _correct(m: Any, c: Any, tick: int, has_fix: bool) -> None:
             correct_by_barometer(m, c.ground_altitude - pressure_altitude_m(m.readings[9]))
     if has_fix:
         then = m.history[(tick - c.gps_delay) % HISTORY]
-        correct_by_gps(m, m.readings[10:16], then, c.slow_s / c.fixes_per_tick, has_barometer)
+        if (tick - m.last_fix) * c.slow_s > RESET_AFTER_S:
+            begin_again_at(m, m.readings[10:16], then)
+        else:
+            correct_by_gps(m, m.readings[10:16], then, c.slow_s / c.fixes_per_tick, has_barometer)
+        m.last_fix = tick
 
 
 @inlined

@@ -193,6 +193,7 @@ class Vehicle:
         biases = np.random.default_rng(np.random.SeedSequence(seed).spawn(len(NOISE_COLUMNS) + 1)[-1])
         c.gyro_bias[:] = sensors.gyroscope_bias_std_radps * biases.standard_normal(3)
         c.accel_bias[:] = sensors.accelerometer_bias_std_mps2 * biases.standard_normal(3)
+        c.field_bias[:] = sensors.magnetometer_bias_std_gauss * biases.standard_normal(3)
         f.estimate[:] = x
         believe(f.record[0], c.record[0], first)
         self._row = 1

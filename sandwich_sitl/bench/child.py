@@ -36,9 +36,9 @@ def in_child(function: Callable[..., Result], *arguments: Any, timeout_s: float)
     return result
 
 
-def peak_memory_mib() -> float:
-    """Most memory this process has held at once (VmHWM), its interpreter and libraries included."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+def peak_memory_mib(pid: int | str = "self") -> float:
+    """Most memory a process has held at once (VmHWM), its interpreter and libraries included."""
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024.0
 
 

@@ -4,16 +4,26 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from sandwich_sitl.bench import loop_command, map_command, mpc_command, plan_command, tracking_command
+from sandwich_sitl.bench import (
+    loop_command,
+    map_command,
+    mpc_command,
+    plan_command,
+    replan_command,
+    tick_command,
+    tracking_command,
+)
 
 Register = Callable[[Any], None]
 
 _BENCHES: tuple[Register, ...] = (
     map_command.register,
     plan_command.register,
+    replan_command.register,
     mpc_command.register,
     tracking_command.register,
     loop_command.register,
+    tick_command.register,
 )
 
 

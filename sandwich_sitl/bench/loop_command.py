@@ -2,6 +2,7 @@
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +19,42 @@ def register(benches: Any) -> None:
     parser.add_argument("--repeat", type=int, default=3, metavar="N", help="plain flights for the factor (default 3)")
     parser.add_argument("--rotorpy", metavar="PYTHON", help="interpreter of an environment with RotorPy")
     parser.add_argument("--peer-seconds", type=float, default=20.0, metavar="S", help="length of RotorPy's flight")
+    parser.add_argument(
+        "--realtime",
+        type=float,
+        metavar="S",
+        help="instead: the vehicle in real time, S seconds at each of three speeds",
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override any key")
     parser.set_defaults(action=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.repeat < 1:
+        raise InputError("--repeat: must be at least 1")
+    return _lockstep(arguments) if arguments.realtime is None else _realtime(arguments.config, arguments.realtime)
+
+
+def _realtime(config_path: Path, seconds: float) -> int:
+    from sandwich_sitl.bench.loop_realtime import lateness, start_up
+
+    for name, cold in (("first start of an installation", True), ("start", False)):
+        seen = start_up(config_path, cold)
+        print(
+            f"{name}: first heartbeat after {seen.wall_s:.2f} s, {seen.processor_s:.2f} s of processor time; "
+            f"at most {seen.memory_mib:.0f} MiB"
+        )
+    for speed in (0.1, 1.0, 10.0):
+        print(f"speed {speed:g}: " + "; ".join(lateness(config_path, speed, seconds)))
+    return 0
+
+
+def _lockstep(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.loop import FACTORS_HEAD, factors_text, fly, parts_text
     from sandwich_sitl.bench.loop_peer import fly_rotorpy, interpreter
     from sandwich_sitl.recording.reader import RunLog
 
-    if arguments.repeat < 1:
-        raise InputError("--repeat: must be at least 1")
-    given = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
+    given = _overrides(arguments.set)
     solvers = [{"mpc.solver": name} for name in arguments.solver] or [{}]
     factors, tables = [FACTORS_HEAD], []
     with tempfile.TemporaryDirectory() as folder:
@@ -47,3 +72,13 @@ def _run(arguments: argparse.Namespace) -> int:
     assert plan is not None
     print(fly_rotorpy(interpreter(arguments.rotorpy), plan.reference, arguments.peer_seconds))
     return 0
+
+
+def _overrides(items: Sequence[str]) -> dict[str, Any]:
+    overrides: dict[str, Any] = {}
+    for item in items:
+        key, separator, text = item.partition("=")
+        if not separator or not key:
+            raise InputError(f"--set {item}: must be KEY=VALUE, such as mpc.solver=active_set")
+        overrides[key] = yaml.safe_load(text)
+    return overrides

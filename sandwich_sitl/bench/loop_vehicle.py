@@ -12,7 +12,7 @@ from time import process_time
 import numpy as np
 
 from sandwich_sitl.bench.child import peak_memory_mib
-from sandwich_sitl.bench.stopwatch import Stopwatch
+from sandwich_sitl.bench.stopwatch import REST, Stopwatch
 from vehicle_sim.cli import main
 from vehicle_sim.protocol.node import Node
 from vehicle_sim.protocol.session import Session
@@ -29,6 +29,7 @@ _PARTS = (
     (Session, "poll", "telemetry encoded"),
     (Recorder, "sample", "truth sampled"),
     (Server, "_send_to_peer", "send"),
+    (Server, "_record", "record"),
 )
 
 
@@ -39,7 +40,7 @@ def observed(arguments: Sequence[str]) -> int:
     if how == "timed":
         for owner, method, part in _PARTS:
             watch.around(owner, method, part)
-        watch.around(Server, "_record", "record", ends_tick=True)
+        watch.around(Server, "_take_lockstep", REST, ends_tick=True)
     spent: list[float] = []
     serve = Server.run
 

@@ -43,6 +43,11 @@ class BenchWorld:
 
 
 def random_world(seed: int, radius_m: float, margin_m: float) -> BenchWorld:
+    """The random town of a seed, grown by radius and margin."""
+    return _grown(f"random {seed}", random_town(seed), radius_m, margin_m)
+
+
+def random_town(seed: int) -> World:
     """Buildings turned at will, a third of them angles, over 200 m x 120 m."""
     rng = np.random.default_rng(seed)
     width, height = _RANDOM_M
@@ -53,8 +58,7 @@ def random_world(seed: int, radius_m: float, margin_m: float) -> BenchWorld:
         if rng.integers(0, 3) == 0:
             shape = shape.difference(shapely.box(x + 0.4 * a, y + 0.4 * b, x + a, y + b))
         shapes.append(rotate(shape, rng.uniform(0, 360)))
-    world = World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
-    return _grown(f"random {seed}", world, radius_m, margin_m)
+    return World((0.0, 0.0, width, height), tuple(Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)))
 
 
 def world_of_file(path: Path, radius_m: float, margin_m: float) -> BenchWorld:

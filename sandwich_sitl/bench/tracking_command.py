@@ -19,7 +19,12 @@ def register(benches: Any) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
     parser.add_argument("--seeds", type=int, default=3, metavar="N", help="flights a condition (default 3)")
     parser.add_argument("--only", metavar="TEXT", help="conditions whose name holds this text")
-    parser.add_argument("--paper", action="store_true", help="the paper's mode against the default instead")
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument("--paper", action="store_true", help="the paper's mode against the default instead")
+    instead.add_argument(
+        "--ablation", action="store_true", help="each departure from the paper taken back alone instead"
+    )
+    instead.add_argument("--faults", action="store_true", help="faults of the vehicle in flight instead")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override any key in all flights"
     )
@@ -28,13 +33,17 @@ def register(benches: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, Flown, fly_all, table
+    from sandwich_sitl.bench.tracking import ABLATION, CONDITIONS, FAULTS, PAPER, Flown, fly_all, table
 
-    conditions = PAPER if arguments.paper else CONDITIONS
+    conditions = PAPER if arguments.paper else FAULTS if arguments.faults else CONDITIONS
+    if arguments.ablation:
+        conditions = {name: changes for name, (changes, _) in ABLATION.items()}
+    planners = {name: planner for name, (_, planner) in ABLATION.items()} if arguments.ablation else None
+    all_conditions = tuple(conditions)
     if arguments.only is not None:
         conditions = {name: changes for name, changes in conditions.items() if arguments.only in name}
     if not conditions or arguments.seeds < 1:
-        raise InputError("--only, --seeds: leave no flight; the conditions are " + ", ".join(CONDITIONS))
+        raise InputError("--only, --seeds: leave no flight; the conditions are " + ", ".join(all_conditions))
     overrides = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
 
     def say(flown: Flown) -> None:
@@ -45,7 +54,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     with tempfile.TemporaryDirectory() as work:
         seeds = range(1, arguments.seeds + 1)
-        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say)
+        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say, planners)
     print(table(flights))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(f) for f in flights], indent=1) + "\n", encoding="utf-8")

@@ -102,6 +102,24 @@ def outside(
     return _compiled_outside(points, Lambda, Gamma, z_m, region)
 
 
+def _largest_motion(states: Array) -> Array:
+    largest = np.zeros(4)
+    for i in range(len(states)):
+        for d in range(12):
+            if not np.isfinite(states[i, d]):
+                return np.full(4, np.nan)
+        vx, vy, vz, ax, ay, az, jx, jy, jz = states[i, 3:]
+        largest[0] = max(largest[0], vx * vx + vy * vy)
+        largest[1] = max(largest[1], vz * vz)
+        largest[2] = max(largest[2], ax * ax + ay * ay + az * az)
+        largest[3] = max(largest[3], jx * jx + jy * jy + jz * jz)
+    return np.sqrt(largest)
+
+
+#: Largest speed across, climb, acceleration and jerk (4,) of a motion (m, 12); NaN when any of it is not finite.
+largest_motion: Callable[[Array], Array] = numba.njit(cache=True)(_largest_motion)
+
+
 def examine(
     states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds,
     z_m: Array = _EVERY_ALTITUDE,
@@ -109,12 +127,9 @@ def examine(
     """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (m, 3)
     or (3,).
     """
-    if not np.isfinite(states).all():
+    largest = largest_motion(states)
+    if np.isnan(largest[0]):
         return Fault.NOT_FINITE
-    squares = states[:, 3:] ** 2
-    plane, climb = squares[:, 0] + squares[:, 1], squares[:, 2]
-    push, twist = squares[:, 3] + squares[:, 4] + squares[:, 5], squares[:, 6] + squares[:, 7] + squares[:, 8]
-    largest = np.sqrt([plane.max(), climb.max(), push.max(), twist.max()])
     if (largest > _BEYOND * bounds.limits).any():
         return Fault.LIMITS
     first, worst = outside(states[:, :3] + offset_m, Lambda, Gamma, region, z_m)

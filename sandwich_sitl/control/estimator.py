@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from sandwich_sitl.config import TrackingConfig
+from sandwich_sitl.control.lookup import carried_on, drifting
 from sandwich_sitl.control.model import quadruple_integrator
 
 Array = NDArray[np.float64]
@@ -66,6 +67,12 @@ class VehicleEstimator:
         self._measured_s = -np.inf
         self.motion = state.copy()
 
+    def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
+        """A new estimate of a vehicle that is at `state` (12,) and keeps only its delay."""
+        fresh = VehicleEstimator(self._config, self._period_s, t_s, state)
+        fresh.delay_s = self.delay_s
+        return fresh
+
     @property
     def offset_m(self) -> Array:
         """What is aimed off (3,) now."""
@@ -73,11 +80,7 @@ class VehicleEstimator:
 
     def offset_ahead(self, times_s: Array) -> Array:
         """What is to be aimed off (n, 3) at times (n,) >= 0 from now, at most `offset_limit_m` long."""
-        drift = _DRIFT_S * (1.0 - np.exp(-times_s / _DRIFT_S))
-        offset = self._error[0] + drift[:, None] * self._error[1]
-        size = np.sqrt((offset * offset).sum(axis=1, keepdims=True))
-        limit = self._config.offset_limit_m
-        return np.asarray(offset * (limit / np.maximum(size, limit)))
+        return drifting(times_s, self._error, _DRIFT_S, self._config.offset_limit_m)
 
     def commanded(self, t_s: float, state: Array) -> None:
         """Remember what was sent: `state` (12,) at `t_s`."""
@@ -86,18 +89,7 @@ class VehicleEstimator:
 
     def command_at(self, t_s: float) -> Array:
         """The command (12,) in force at `t_s`: the newest not after it, carried on without snap."""
-        back = self._newest
-        for _ in range(_KEPT - 1):
-            if self._times[back] <= t_s:
-                break
-            back = (back - 1) % _KEPT
-        state, dt = self._states[back], min(max(0.0, t_s - float(self._times[back])), 2 * self._period_s)
-        r, v, a, j = state[:3], state[3:6], state[6:9], state[9:]
-        moved = np.empty(12)
-        moved[:3] = r + dt * (v + dt * (a / 2 + dt * j / 6))
-        moved[3:6] = v + dt * (a + dt * j / 2)
-        moved[6:9], moved[9:] = a + dt * j, j
-        return moved
+        return carried_on(t_s, self._times, self._states, self._newest, 2 * self._period_s)
 
     def measure(self, now_s: float, measured_s: float, r_m: Array, v_mps: Array) -> bool:
         """Take in position and velocity (3,) of time `measured_s`; false when there is nothing to go by.

@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 REGION_PENALTY = (20.0, 50.0)  # rho_1 in m, rho_2: control cost of a metre outside, against squared metres of error
 MOTION_PENALTY = (20.0, 20.0)  # per share of the limit
 QUANTITIES = 5  # r, v, a, j, u
-SOLVED, FREE, CUT_OFF, FAILED = 1, 2, 7, -1  # statuses every solver is translated to
+FARTHEST_M = 1e4
+SOLVED, FREE, FAILED = 1, 2, -1  # statuses every solver is translated to
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class HorizonTick:
 @dataclass(frozen=True)
 class HorizonAnswer:
     """Snap (n, axes) and the motion it leads to, (4, n, axes) = r, v, a, j at steps 1 .. n; slack s (n,) in metres and
-    t (n,) as share of the limits; status (`SOLVED`, `FREE`: no row binds, `CUT_OFF`: not to tolerance, `FAILED`).
+    t (n,) as share of the limits; status (`SOLVED`, `FREE`: no row binds, `FAILED`).
     """
 
     snap: Array
@@ -129,6 +130,14 @@ class Horizon:
     def free(self, tick: HorizonTick) -> Array:
         """Shares (5 n, axes) of r, v, a, j, u at the optimum without any row, in closed form."""
         return np.asarray(self.free_of_state @ tick.state + self.free_of_desired @ tick.desired)
+
+    def sane(self, tick: HorizonTick, shares: Array) -> bool:
+        """Whether a tick's numbers are finite, and the free optimum that `shares` (5 n, axes) belong to is not far away.
+
+        Farther, the solvers' tolerances are below the rounding of the numbers, and nobody flies there in one horizon.
+        """
+        finite = np.isfinite(shares).all() and np.isfinite(tick.offsets).all() and np.isfinite(tick.normals).all()
+        return bool(finite and np.abs(shares[: self.n_tau]).max() < FARTHEST_M)
 
     def excesses(self, shares: Array, tick: HorizonTick) -> tuple[Array, Array]:
         """How far regions (n,) in metres and motion limits (n,) as a share are passed at each step; 0 where kept."""

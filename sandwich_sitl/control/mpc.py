@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.config import MpcConfig
-from sandwich_sitl.control.horizon import CUT_OFF, FAILED, FREE, Horizon, HorizonSolver, HorizonTick, MotionLimits
+from sandwich_sitl.control.horizon import FAILED, FREE, SOLVED, Horizon, HorizonSolver, HorizonTick, MotionLimits
 from sandwich_sitl.control.solvers.registry import solver_for_flight
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 _Z_WEIGHT = 20.0
 _GRAVITY_MPS2 = 9.80665
 _UP_DOWN = np.array([1.0, -1.0])
-_SERIOUS = (FREE, 1, CUT_OFF, FAILED)  # from the best status to the worst
+_SERIOUS = (FREE, SOLVED, FAILED)  # from the best status to the worst
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
+from sandwich_sitl.control.lookup import resumed
+
 Array = NDArray[np.float64]
 
 _PUSH_MPS2 = 1.5
@@ -41,6 +43,4 @@ class ReferenceClock:
 
     def ahead(self, times_s: Array) -> Array:
         """sigma (n,) at times (n,) from now on."""
-        ramp_s = (1.0 - self.rate) / self._slope
-        t = np.clip(times_s, 0.0, ramp_s)
-        return np.asarray(self.t_s + self.rate * times_s + self._slope * t * (times_s - t / 2))
+        return resumed(times_s, self.t_s, self.rate, self._slope)

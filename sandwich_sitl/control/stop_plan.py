@@ -16,6 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sandwich_sitl.control.lookup import slowed_progress
+
 Array = NDArray[np.float64]
 
 STEEPEST = 1.875  # of S
@@ -65,8 +67,7 @@ class StopPlan:
 
     def progress(self, times_s: Array) -> tuple[Array, Array]:
         """s - `start_s` (m,) in seconds of the plan, and the rate s' (m,)."""
-        x = np.clip(times_s / self.stop_s, 0.0, 1.0)
-        return self.stop_s * (x - 2.5 * x**4 + 3 * x**5 - x**6), 1.0 - x**3 * (10 - 15 * x + 6 * x * x)
+        return slowed_progress(times_s, self.stop_s)
 
 
 def stop_along(knots: Array, snap: Array, step_s: float, start_s: float, brake_mps2: float) -> StopPlan:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine
 from sandwich_sitl.control.estimator import VehicleEstimator
+from sandwich_sitl.control.lookup import between
 from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
 from sandwich_sitl.control.reference_clock import ReferenceClock
 from sandwich_sitl.control.stop_plan import StopPlan, standing, stop_along
@@ -26,6 +27,7 @@ Indices = NDArray[np.int64]
 _MOST_PERIODS = 5  # a tick later than this does not make the command leap
 _LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
 _LIFT_S = 5.0
+_LEFT_M = 1e-3  # a reference this far from its start over ground has left it
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,11 @@ class Tracker:
 
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
-        dt = min(max(t_s - self._last_s, 0.0), _MOST_PERIODS * self._period_s)
-        self._last_s = t_s
+        gap_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        dt = min(gap_s, _MOST_PERIODS * self._period_s)
+        if gap_s > dt and not self._lifting and np.isfinite(r_m).all() and np.isfinite(v_mps).all():
+            self._pick_up(t_s, gap_s, r_m + age_s * v_mps, v_mps)
+            dt = self._period_s
         self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
         if not self._lifting:
@@ -108,6 +113,20 @@ class Tracker:
             asked, snap = self._push_off(r_m, v_mps), snap * (1.0, 1.0, 0.0)
         self.estimator.commanded(t_s, asked)
         return self._tick(solution, rung, fault, snap, self._rest_of_stop(t_s))
+
+    def _pick_up(self, t_s: float, gap_s: float, r_m: Array, v_mps: Array) -> None:
+        """After a pause of this process: the vehicle went on with its last set-point, so the plan begins where it is now,
+        and the reference where the vehicle has come to along it, as fast as the vehicle is.
+        """
+        times = self.clock.t_s + np.arange(0.0, gap_s + self._period_s, self._period_s)
+        places = self._sample(times)[0]
+        nearest = int(np.argmin(((places - r_m) ** 2).sum(axis=1)))
+        here, there = self._sample(times[nearest] + np.array([0.0, self._period_s]))[0]
+        pace_mps = (there - here) / self._period_s
+        rate = float(v_mps @ pace_mps) / max(float(pace_mps @ pace_mps), 1e-6)
+        self.clock.follow(float(times[nearest]), min(max(rate, 0.0), 1.0))
+        self.command = np.concatenate([r_m, v_mps, np.zeros(6)])
+        self.estimator = self.estimator.restarted(t_s, self.command)
 
     def _await_lift_off(self, t_s: float, r_m: Array) -> None:
         """Autopilots leave the ground in their own time: the reference goes along with the vehicle until it has.
@@ -134,8 +153,10 @@ class Tracker:
         return asked
 
     def _when_at(self, height_m: float) -> float:
-        """When the reference first comes to a height, or to its own greatest one."""
-        z = self._reference.xyz_m[:, 2]
+        """When the reference, over its start, first comes to a height, or to the greatest one that it has there."""
+        xyz = self._reference.xyz_m
+        away = np.hypot(*(xyz[:, :2] - xyz[0, :2]).T) > _LEFT_M
+        z = xyz[: int(np.argmax(away)) if away.any() else len(xyz), 2]
         return float(self._reference.t_s[np.argmax(z >= min(height_m, float(z.max())))])
 
     def _tick(self, solution: MpcSolution, rung: Rung, fault: Fault, snap: Array, ahead_m: Array) -> Tick:
@@ -187,11 +208,7 @@ class Tracker:
 
     def _sample(self, t_s: Array) -> tuple[Array, Indices]:
         """Desired positions (n, 3) and regions (n,) at times (n,), held at both ends."""
-        at = np.clip(t_s / self._period_s, 0.0, len(self._reference.t_s) - 1)
-        below = np.minimum(at.astype(np.int64), len(self._reference.t_s) - 2)
-        share = (at - below)[:, None]
-        xyz = self._reference.xyz_m
-        return (1 - share) * xyz[below] + share * xyz[below + 1], self._reference.region[np.rint(at).astype(np.int64)]
+        return between(t_s, self._period_s, self._reference.xyz_m, self._reference.region)
 
 
 def _bounds(config: RunConfig) -> Bounds:

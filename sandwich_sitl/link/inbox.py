@@ -35,11 +35,12 @@ class Inbox:
         heartbeat = False
         for frame in frames:
             self._on_frame(now_s, "rx", frame.raw)
-            if is_autopilot_heartbeat(frame):
+            sender = (frame.system_id, frame.component_id)
+            if frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and is_autopilot_heartbeat(frame):
                 if self.vehicle is None:
-                    self.vehicle = (frame.system_id, frame.component_id)
-                heartbeat = heartbeat or self.vehicle == (frame.system_id, frame.component_id)
-            if self.vehicle == (frame.system_id, frame.component_id):
+                    self.vehicle = sender
+                heartbeat = heartbeat or self.vehicle == sender
+            if self.vehicle == sender:
                 self._take_own(frame, now_s)
         return heartbeat
 

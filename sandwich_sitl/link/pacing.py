@@ -4,8 +4,15 @@ Input: the transport and `Inbox`. Output: the run clock of the tick in seconds o
 is the time in the vehicle's last SYSTEM_TIME and nothing depends on the wall clock but when to give up. In real time
 it is the wall clock times `speed` plus an offset: run = speed * wall + max_i(boot_i - speed * wall_i) over the first
 messages i, since a delay on the way can only make a message's boot time look older.
+
+Pauses. A host may take the processor away from this process, from the vehicle's or from both, and a simulated vehicle
+that was paused has lost that time: its clock then lags behind the offset for good, and each measurement would pass for
+old. So after a pause of this process the offset starts anew as if the vehicle had paused too, and the first message
+that is younger puts it right; after a silence of the vehicle the largest offset of the next 0.2 s counts, and the run
+clock goes at half its rate until it has come down to that. The run clock never goes back.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,6 +33,10 @@ SPIN_S = 0.3e-3
 LEAST_LOSS_S = 2.0
 MAP_SAMPLES = 20
 MAP_S = 1.0
+PAUSE_S = 0.1  # wall time without a sign of life that counts as a pause; simulated vehicles make up for less
+_LAG_S = 0.2  # wall time in which a vehicle's lag is measured
+_YOUNGER_S = 0.02  # boot time ahead of the run clock that is no jitter any more
+_SLOWER = 0.5  # of the run clock's rate, while it comes down to a vehicle that has lost time
 _FLOOD = 256  # datagrams read after a deadline has passed
 
 
@@ -158,10 +169,13 @@ class RealtimePacer:
         self._samples: list[float] = []
         self._first_sample = 0.0
         self._last_heard = 0.0
+        self._last_awake = self._wall0
+        self._lag = VehicleLag(speed)
 
     def next_tick(self) -> float:
         """Read until the deadline; a tick that comes more than a period late starts a new schedule."""
         deadline = self._deadline
+        self._note_awake(time.monotonic())
         extra = _FLOOD
         while extra:
             data = self._transport.receive(deadline - SPIN_S)
@@ -171,6 +185,8 @@ class RealtimePacer:
             extra -= time.monotonic() >= deadline - SPIN_S
         while (now := time.monotonic()) < deadline:
             pass
+        self._note_awake(now)
+        self._offset_s -= self._lag.taken(now)
         late_s = now - deadline
         self.lateness.worst_late_s = max(self.lateness.worst_late_s, late_s)
         self.lateness.late_ticks += late_s > 0.5 * self._wall_period_s
@@ -190,24 +206,77 @@ class RealtimePacer:
     def _run_s(self, wall: float) -> float:
         return self._speed * (wall - self._wall0) + self._offset_s
 
+    def _note_awake(self, wall: float) -> None:
+        """After a pause of this process: whatever was longer than it should be did not happen to the vehicle either."""
+        paused_s = wall - self._last_awake - self._wall_period_s
+        self._last_awake = wall
+        if self.heard and paused_s > PAUSE_S:
+            self._offset_s -= self._speed * paused_s
+            self._last_heard += paused_s
+            self._lag.restart(wall)
+
     def _take(self, data: bytes) -> None:
         wall = time.monotonic()
+        self._note_awake(wall)
+        silent_s = wall - self._last_heard
         frames = self._splitter.feed_datagram(data) if self._transport.datagrams else self._splitter.feed(data)
         received = self._inbox.received
         if self._inbox.take(frames, self._run_s(wall)):
             self._transport.keep_peer()
         if self._inbox.received > received:
             self._last_heard = wall
-        if not self.heard and self._inbox.vehicle is not None:
-            self._map(frames, wall)
+        if self._inbox.vehicle is not None:
+            (self._follow if self.heard else self._map)(frames, wall, silent_s)
         self._after_receive(self._run_s(wall))
 
-    def _map(self, frames: Sequence[Frame], wall: float) -> None:
-        for frame in frames:
-            boot_s = boot_time_s(frame) if (frame.system_id, frame.component_id) == self._inbox.vehicle else None
-            if boot_s is not None:
-                self._first_sample = self._first_sample if self._samples else wall
-                self._samples.append(boot_s - self._speed * (wall - self._wall0))
+    def _map(self, frames: Sequence[Frame], wall: float, _: float) -> None:
+        for boot_s in self._boot_times(frames):
+            self._first_sample = self._first_sample if self._samples else wall
+            self._samples.append(boot_s - self._speed * (wall - self._wall0))
         if self._samples and (len(self._samples) >= MAP_SAMPLES or wall - self._first_sample >= MAP_S):
             self._offset_s = max(self._samples)
             self.heard = True
+
+    def _follow(self, frames: Sequence[Frame], wall: float, silent_s: float) -> None:
+        """A message from the future proves the offset too small; one after a silence begins to measure the vehicle's lag."""
+        if silent_s > PAUSE_S:
+            self._lag.restart(wall)
+        for boot_s in self._boot_times(frames):
+            ahead_s = boot_s - self._run_s(wall)
+            if ahead_s > (0.0 if self._lag.measuring else _YOUNGER_S):
+                self._offset_s += ahead_s
+            if self._lag.measuring:
+                self._lag.heard(wall, ahead_s)
+
+    def _boot_times(self, frames: Sequence[Frame]) -> list[float]:
+        vehicle = self._inbox.vehicle
+        times = (boot_time_s(frame) for frame in frames if (frame.system_id, frame.component_id) == vehicle)
+        return [time_s for time_s in times if time_s is not None]
+
+
+class VehicleLag:
+    """How far a vehicle that was silent has fallen behind the run clock, and how that is taken out bit by bit."""
+
+    def __init__(self, speed: float) -> None:
+        self.measuring = False
+        self._speed, self._since, self._least_s = speed, 0.0, 0.0
+        self._left_s, self._last = 0.0, 0.0
+
+    def restart(self, wall: float) -> None:
+        """There was a pause: measure for a while."""
+        self.measuring, self._since, self._least_s = True, wall, math.inf
+
+    def heard(self, wall: float, ahead_s: float) -> None:
+        """A message of boot time `ahead_s` (mostly negative) past the run clock; the youngest tells the lag."""
+        self._least_s = min(self._least_s, max(0.0, -ahead_s))
+        if wall - self._since >= _LAG_S:
+            self.measuring = False
+            self._left_s = self._least_s if self._least_s > PAUSE_S / 2 else 0.0
+
+    def taken(self, wall: float) -> float:
+        """Seconds to take off the run clock's offset at this tick."""
+        most = _SLOWER * self._speed * (wall - self._last)
+        self._last = wall
+        step = min(self._left_s, most)
+        self._left_s -= step
+        return step

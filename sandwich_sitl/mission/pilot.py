@@ -29,6 +29,7 @@ from sandwich_sitl.planning.replan import Replan, Verdict
 Vector = NDArray[np.float64]
 
 STALE_S = 0.3  # age at which the last usable plan must not be sent on as if it were fresh
+_LATEST_S = 0.1
 _SETTLED_MPS = 0.3
 
 
@@ -60,7 +61,8 @@ class Pilot:
         rehearse(self._mpc, config, reference, corridor)
         self._tracker: Tracker | None = None
         self._track_from_s = 0.0
-        self._sent_s = 0.0
+        self._idle_s = 0.0
+        self._last_s = 0.0
         self._fresh = False
         self._lost = False
         self._leads_on = True
@@ -78,13 +80,16 @@ class Pilot:
     def plan_stale(self, now_s: float) -> bool:
         """Whether there is no plan to fly on: at once when the tracker has come to the end of its ladder, and after
         `STALE_S` in which set-points were refused by the fence or the vehicle was astray.
+
+        A tick that comes late counts as one of `_LATEST_S`: this process was not there, and nothing was refused.
         """
-        return self._tracker is not None and (self._lost or now_s - self._sent_s > STALE_S)
+        idle_s = self._idle_s + min(now_s - self._last_s, _LATEST_S)
+        return self._tracker is not None and (self._lost or idle_s > STALE_S)
 
     def accepted(self, now_s: float) -> None:
         """The last set-point went out; it counts as fresh when its plan was usable and the vehicle on its track."""
         if self._fresh:
-            self._sent_s = now_s
+            self._idle_s, self._last_s = 0.0, now_s
 
     def whereabouts(self, view: VehicleView) -> Whereabouts:
         """Where the flight is: the reference's own time, and the vehicle in the world."""
@@ -95,7 +100,7 @@ class Pilot:
     def adopt(self, replan: Replan) -> None:
         """Fly another reference from now on; it agrees with the present one up to now."""
         self._reference, self._corridor = replan.reference, replan.corridor
-        self._leads_on = replan.verdict is Verdict.ROUTE
+        self._leads_on = replan.verdict is Verdict.ROUTE and replan.whole
         if self._tracker is not None:
             self._tracker.adopt(self._reference, self._corridor)
 
@@ -142,7 +147,10 @@ class Pilot:
         lift = np.array([0.0, 0.0, self.ground_m])
         if self._tracker is None:
             self._tracker = Tracker(self._config, self._mpc, self._reference, self._corridor, r_m - lift)
-            self._track_from_s = self._sent_s = now_s
+            self._track_from_s = self._last_s = now_s
+            self._idle_s = 0.0
+        self._idle_s += min(now_s - self._last_s, _LATEST_S)
+        self._last_s = now_s
         age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
         tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
         if tick.rung is Rung.BRAKE:

@@ -8,7 +8,8 @@ time sigma, where the vehicle is, the planner's answer. Output: `RerouteOrders`.
            ├─> on top of the vehicle ────────────────────────> stop at once
            ├─> keeps clear of what is left of the corridor ──> remembered; the plan stands
            └─> else ─> question to the planner, from sigma + lead on
-                          ├─ answer in time: adopt the new plan, or the stop it brings
+                          ├─ answer in time: adopt the new plan, or the stop it brings; when the plan ends
+                          │    short of the goal, ask for the rest of the way
                           ├─ late: ask again, with twice the lead; after `replan.tries` stop at once
                           └─ no proven plan: stop at once
 
@@ -17,7 +18,7 @@ there it begins to slow down along its plan (the way is barred), and goes on whe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -36,6 +37,9 @@ Array = NDArray[np.float64]
 _COVERED_M = 1e-3  # an outline that leaves a known obstacle by no more says nothing new
 _STOP_SHARE = 1.875 / 2  # of v / brake: the reference's time that a stop along the plan uses up (`stop_plan`)
 _ON_TIME_S = 1e-6
+_LEAST_PERIODS = 2  # that a plan is given
+FIRST_REACH_M, _FIRST_REACH_S = 60.0, 12.0  # how far the first plan leads, or how many seconds at full speed
+_ONWARD_S = 0.4  # that the plan for the rest of the way is given
 _SPARE_S = 0.3  # delay of the vehicle, and ticks
 
 
@@ -50,12 +54,15 @@ class Whereabouts:
 
 @dataclass(frozen=True)
 class Adopted:
-    """A new plan that goes into force at `t_s`, for reports that were heard at `heard_s`."""
+    """A new plan that goes into force at `t_s`, for reports that were heard at `heard_s`; `onward`: it only leads further
+    than the one before, which ended short of the goal.
+    """
 
     t_s: float
     heard_s: float
     from_s: float
     replan: Replan
+    onward: bool
 
 
 @dataclass(frozen=True)
@@ -73,11 +80,14 @@ class RerouteOrders:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """How a new plan is asked for: for reports of which the first was heard at `heard_s`, for the n-th time."""
+    """How a new plan is asked for: for reports of which the first was heard at `heard_s`, for the n-th time; or, `onward`,
+    for the rest of the way.
+    """
 
     heard_s: float
     number: int
     lead_s: float
+    onward: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,7 +140,7 @@ class Rerouting:
     ) -> RerouteOrders:
         """One tick."""
         log: list[tuple[str, str]] = []
-        new = tuple(report for report in reports if self._hear(at, report, log))
+        new = tuple(report for report in reports if self._hear(now_s, at, report, log))
         if self._attempt is not None and self._config.mode == "paper":
             self._give_up("paper mode plans before take-off only", log)
         if self._given_up:
@@ -141,7 +151,7 @@ class Rerouting:
             ask = self._ask(now_s, at, self._attempt)
         return RerouteOrders(ask, adopted, bool(self._given_up) or self._too_near(at), new, tuple(log))
 
-    def _hear(self, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
+    def _hear(self, now_s: float, at: Whereabouts, report: ObstacleReport, log: list[tuple[str, str]]) -> bool:
         """Take in a report; whether it says anything new."""
         obstacle, radius_m = report.obstacle, self._config.planner.vehicle_radius_m
         reach_m = radius_m + self._config.planner.margin_m
@@ -164,7 +174,7 @@ class Rerouting:
         if at.r_m is not None and obstacle.polygon.distance(shapely.Point(at.r_m[:2])) < radius_m:
             self._give_up(f"obstacle '{obstacle.name}' is reported on top of the vehicle", log)
             return True
-        touches = self._check(at, report)
+        touches = self._check(now_s, at, report)
         log.append(("info", f"obstacle '{obstacle.name}' heard of: {_account(touches)}"))
         return True
 
@@ -195,12 +205,13 @@ class Rerouting:
         kept_m = planner.vehicle_radius_m + aside_m
         return not len(shapely.STRtree(regions).query(obstacle.polygon, predicate="dwithin", distance=kept_m))
 
-    def _check(self, at: Whereabouts, report: ObstacleReport) -> bool:
+    def _check(self, now_s: float, at: Whereabouts, report: ObstacleReport) -> bool:
         """Whether the plan in force must give way to an obstacle; if so, another is asked for."""
         touches = self._touches(at.sigma_s, report.obstacle.polygon)
-        if touches and self._attempt is None:
-            # Whole periods, and one less than the budget holds, since a report may be a period old when it is read.
-            periods = max(1, int(self._config.replan.budget_s / self._period_s + 1e-9) - 1)
+        if touches and (self._attempt is None or self._attempt.onward):
+            self._pending = None  # the rest of a way that is no longer flown
+            left_s = self._config.replan.budget_s - (now_s - report.heard_s)
+            periods = max(_LEAST_PERIODS, int(left_s / self._period_s + 1e-9))
             self._attempt = _Attempt(report.heard_s, 1, periods * self._period_s)
         return touches
 
@@ -236,7 +247,9 @@ class Rerouting:
         from_s = at.sigma_s + attempt.lead_s if at.flying else 0.0
         from_s = float(self._reference.t_s[change_over(self._reference, from_s)])
         new, self._unlearnt = tuple(report.obstacle for report in self._unlearnt), []
-        question = Question(new, self._reference, self._corridor, from_s)
+        near = at.flying and not attempt.onward
+        reach_m = max(FIRST_REACH_M, _FIRST_REACH_S * self._config.planner.speed_mps) if near else np.inf
+        question = Question(new, self._reference, self._corridor, from_s, reach_m)
         self._pending = _Pending(question, now_s + attempt.lead_s)
         return question
 
@@ -245,6 +258,9 @@ class Rerouting:
         assert self._attempt is not None
         question, self._pending = self._pending.question, None
         attempt, self._attempt = self._attempt, None
+        if attempt.onward and answer.verdict is not Verdict.ROUTE:
+            log.append(("warning", f"the way ends before the goal: {answer.why}"))
+            return None
         if answer.verdict is Verdict.NONE:
             self._give_up(answer.why, log)
             return None
@@ -253,19 +269,21 @@ class Rerouting:
             return None
         self._reference, self._corridor, self._conflict_s = answer.reference, answer.corridor, np.inf
         for report in self._unlearnt:  # heard while this was planned
-            self._check(at, report)
-        if answer.verdict is Verdict.ROUTE:
-            log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
-        else:
+            self._check(now_s, at, report)
+        if not answer.whole and self._attempt is None:
+            self._attempt = _Attempt(now_s, 1, _ONWARD_S, onward=True)
+        if answer.verdict is Verdict.STOP:
             log.append(("warning", f"no way on to the goal: {answer.why}; stopping on the way planned before"))
-        return Adopted(now_s, attempt.heard_s, question.from_s, answer)
+        elif not attempt.onward:
+            log.append(("info", f"new route in force {now_s - attempt.heard_s:.2f} s after the report"))
+        return Adopted(now_s, attempt.heard_s, question.from_s, answer, attempt.onward)
 
     def _late(self, attempt: _Attempt, log: list[tuple[str, str]]) -> None:
-        if attempt.number >= self._config.replan.tries:
+        if attempt.number >= self._config.replan.tries and not attempt.onward:
             self._give_up(f"the planner was late {attempt.number} times", log)
             return
         log.append(("warning", f"the new plan came later than the {attempt.lead_s:.2f} s it was given; asked again"))
-        self._attempt = _Attempt(attempt.heard_s, attempt.number + 1, 2 * attempt.lead_s)
+        self._attempt = replace(attempt, number=attempt.number + 1, lead_s=2 * attempt.lead_s)
 
     def _give_up(self, why: str, log: list[tuple[str, str]]) -> None:
         self._given_up = why

@@ -41,6 +41,7 @@ _HAIR_M = 1e-6
 REACH_M = 6.0  # how far a region may reach from its seed
 _REACHES_M = (REACH_M, 4.0, 2.5, 1.5, 0.8, 0.4, 0.2, 0.1, 0.05)  # tried in turn
 _MOST_RASTER = 2000  # cells along the longer side
+_NEXT = np.array([1, 2, 3, 0])  # corner of a quadrangle after each
 _NODES_WITHIN = 2.0  # of the largest gap to the nearest node, in median edges of the map
 _RISE_M = 1.5  # most that a stretch over one spot climbs
 
@@ -210,12 +211,13 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
     near = _same_cells(nodes[there], points, size)
     chosen = there[near] if near.any() else there
     gap, found = cKDTree(nodes[chosen]).query(points)
-    if float(np.max(gap)) > size:
-        chosen = there
-        found = cKDTree(nodes[there]).query(points)[1]
+    nearest = chosen[found]
+    # Far from the nodes beside it a point may have a nearer one; a tree of all nodes costs more than these few do.
+    for k in np.flatnonzero(gap > size).tolist():
+        nearest[k] = there[np.argmin(np.hypot(nodes[there, 0] - points[k, 0], nodes[there, 1] - points[k, 1]))]
     first = np.cumsum([0, *(grid.shape[0] * grid.shape[1] for grid in grids)])
     places = []
-    for node in chosen[found]:
+    for node in nearest:
         d = int(np.searchsorted(first, node, side="right")) - 1
         i, j = divmod(int(node - first[d]), grids[d].shape[1])
         places.append((d, i, j))
@@ -224,15 +226,16 @@ def nearest_places(channel_map: ChannelMap, points: Array) -> list[tuple[int, in
 
 def _same_cells(nodes: Array, points: Array, size: float) -> NDArray[np.bool_]:
     """Which nodes lie in the cells of a raster that hold a point, or beside them."""
-    low = np.floor(np.vstack([nodes.min(axis=0), points.min(axis=0)]).min(axis=0) / size) - 1
-    high = np.floor(np.vstack([nodes.max(axis=0), points.max(axis=0)]).max(axis=0) / size) + 1
+    x, y = nodes.T  # a column at a time: numpy is slow along short rows
+    low = np.floor(np.minimum(points.min(axis=0), [x.min(), y.min()]) / size) - 1
+    high = np.floor(np.maximum(points.max(axis=0), [x.max(), y.max()]) / size) + 1
     raster = np.zeros((high - low + 1).astype(np.int64), dtype=np.bool_)
     at = (np.floor(points / size) - low).astype(np.int64)
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
             raster[at[:, 0] + dx, at[:, 1] + dy] = True
-    cells = (np.floor(nodes / size) - low).astype(np.int64)
-    return np.asarray(raster[cells[:, 0], cells[:, 1]])
+    i, j = (np.floor(column / size).astype(np.int64) - int(first) for column, first in zip((x, y), low, strict=True))
+    return np.asarray(raster[i, j])
 
 
 def _region(stretch: Array, quadrangle: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | None:
@@ -254,9 +257,9 @@ def _grown(seed: Array, edges: Array, keep_m: float) -> tuple[Array, Array] | No
 
 def sound(quadrangle: Array, stretch: Array) -> bool:
     """Whether a quadrangle is convex, counter-clockwise and holds the stretch."""
-    side = np.roll(quadrangle, -1, axis=0) - quadrangle
-    turn = side[:, 0] * np.roll(side[:, 1], -1) - side[:, 1] * np.roll(side[:, 0], -1)
-    if float(turn.min()) <= 0.0:
+    side = quadrangle[_NEXT] - quadrangle
+    after = side[_NEXT]
+    if float((side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0]).min()) <= 0.0:
         return False
     return all(float((stretch @ n).max()) < g - _HAIR_M for n, g in _sides(quadrangle))
 

@@ -7,8 +7,8 @@ Each place needs the lowest floor on which it keeps its clearance. The least tha
 the profile is the lowest curve above P that is no steeper than a slope, P being wider by what follows: two moving
 averages round its corners, and as heights of the control points of the curve's own quintic spline (which lies between
 neighbouring ones, so it stays above P too) it becomes C^4. The slopes are those that cost no time, climb_mps or
-descent_mps / speed_mps, and steeper where there is no room for them; what is left even then is climbed over the start, and descended
-over the goal.
+descent_mps / speed_mps, and steeper where there is no room for them; what is left even then is climbed over the start,
+and descended over the goal.
 """
 
 from collections.abc import Sequence

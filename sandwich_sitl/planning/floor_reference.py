@@ -57,20 +57,14 @@ def floor_reference(
     `ground.outlines` are the obstacles that reach the floor, `world` holds all. Raises `MapError` when the route is too
     near an obstacle, `InputError` when the vertical margin is too small.
     """
-    planner, dt = config.planner, 1.0 / config.mpc.rate_hz
-    limits, headroom, solids = limits_of(planner), headroom_of(config), solid_outlines(config, world)
-    flat = route_curve(config, ground, route_m)
-    kept = KEPT_MARGIN * planner.margin_m
-    needed = needed_altitudes(flat(parameters(flat)), solids, planner.floors_m, kept, planner.vertical_margin_m)
-    ends = Ends(config.altitude_m, config.landing_altitude_m, planner.climb_mps, planner.descent_mps)
-    curve = lifted(flat, np.minimum(needed, floor.altitude_m), ends, limits)
+    limits, headroom, solids = limits_of(config.planner), headroom_of(config), solid_outlines(config, world)
+    curve = _climbing_curve(config, route_curve(config, ground, route_m), floor, solids)
     cap = _cap(curve, solids, limits, headroom, config)
     timed = fly(curve, limits, cap)
     assert timed is not None, "from rest there is always a law"
+    dt = 1.0 / config.mpc.rate_hz
     along = timed.sampled(dt)
-    up = climb(float(along[0, 2]), climb_limits(planner), dt)
-    slowly = replace(climb_limits(planner), speed_mps=min(climb_limits(planner).speed_mps, planner.descent_mps))
-    down = _down(float(along[-1, 2]), ends.goal_m, slowly, dt)
+    up, down = _over_the_ends(config, float(along[0, 2]), float(along[-1, 2]), dt)
     xyz = np.concatenate([_over(along[0], up[:-1]), along, _over(along[-1], down[1:])])
     t = np.arange(len(xyz), dtype=np.float64) * dt
     reference, corridor = proven_corridor(t, xyz, ground.channel_map, solids, config.mpc.step_s, headroom)
@@ -84,12 +78,21 @@ def way_of(reference: Reference, ends_m: tuple[float, float], floors_m: tuple[fl
     """The way of a reference between the start's and the goal's floor, `ends_m`."""
     xyz = reference.xyz_m
     began = int(np.argmax(xyz[:, 2] >= ends_m[0] - _HAIR_M))
-    xyz = xyz[began:]
+    xyz = np.concatenate([[[*xyz[0, :2], ends_m[0]]], xyz[began:]])
     rise = np.diff(xyz[:, 2])
     on = np.abs(xyz[:, 2, None] - np.array(floors_m)) < _LEVEL_M
     visited = np.argmax(on, axis=1)[on.any(axis=1)]
     changes = int(np.abs(np.diff(visited)).sum())
     return Way(_length(xyz), float(rise[rise > 0].sum()), float(-rise[rise < 0].sum()), changes)
+
+
+def _climbing_curve(config: RunConfig, flat: BSpline, floor: Floor, solids: Outlines) -> BSpline:
+    """A curve over ground with its altitude between the floors of start and goal and the route's."""
+    planner = config.planner
+    kept = KEPT_MARGIN * planner.margin_m
+    needed = needed_altitudes(flat(parameters(flat)), solids, planner.floors_m, kept, planner.vertical_margin_m)
+    ends = Ends(config.altitude_m, config.landing_altitude_m, planner.climb_mps, planner.descent_mps)
+    return lifted(flat, np.minimum(needed, floor.altitude_m), ends, limits_of(planner))
 
 
 def _cap(curve: BSpline, solids: Outlines, limits: Limits, headroom: Headroom, config: RunConfig) -> Array:
@@ -105,11 +108,14 @@ def _cap(curve: BSpline, solids: Outlines, limits: Limits, headroom: Headroom, c
     return np.asarray(np.minimum(speed_cap(curve, solids, limits, config.mpc.step_s, above), climbing))
 
 
-def _down(from_m: float, to_m: float, limits: Limits, dt_s: float) -> Array:
-    """Altitudes (n,) from rest to rest straight down; the first alone where there is nothing to descend."""
-    if from_m - to_m < _LEVEL_M:
-        return np.array([from_m])
-    return from_m - climb(from_m - to_m, limits, dt_s)
+def _over_the_ends(config: RunConfig, first_m: float, last_m: float, dt_s: float) -> tuple[Array, Array]:
+    """Altitudes (n,) of the climb over the start and of the descent over the goal, if there is one, from rest to rest."""
+    gently = climb_limits(config.planner)
+    up, drop = climb(first_m, gently, dt_s), last_m - config.landing_altitude_m
+    if drop < _LEVEL_M:
+        return up, np.array([last_m])
+    slowly = replace(gently, speed_mps=min(gently.speed_mps, config.planner.descent_mps))
+    return up, last_m - climb(drop, slowly, dt_s)
 
 
 def _over(place: Array, z_m: Array) -> Array:

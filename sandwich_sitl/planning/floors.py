@@ -73,7 +73,7 @@ def check_ground(config: RunConfig, world: World) -> None:
             gap = obstacle.polygon.distance(shapely.Point(x, y))
             if gap < reach:
                 raise InputError(
-                    f"{key}: ({x:g}, {y:g}) is {gap:.2f} m from obstacle '{obstacle.name}', which stands beside the way "
+                    f"{key}: ({x:g}, {y:g}) is {gap:.2f} m from obstacle '{obstacle.name}', which stands in or beside the way "
                     f"from or to the ground; keep at least {reach:g} m (planner.vehicle_radius_m + planner.margin_m)"
                 )
 

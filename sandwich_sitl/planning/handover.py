@@ -34,6 +34,7 @@ _SHORTEST_STOP_S = 0.2
 _LEVEL_M = 1e-9
 _LEAST_AHEAD = -0.5  # cosine between velocity and route below which the vehicle stops before it turns
 _STOP_GROWTH = 1.05
+_STOP_CLEARANCE_M = 0.1  # from the obstacles grown by the vehicle's radius
 _OF_THE_PLANS = 0.7  # share of the plans' limits that a hard stop uses
 _GRAVITY_MPS2 = 9.80665
 
@@ -88,11 +89,11 @@ def handover(
                 pass
     if len(climbing):
         return _after(config, ground, climbing, route, height)
-    gentle, hard = (stop_reference(reference, begin, braking).reference.xyz_m for braking in stop_limits(config))
-    try:
-        return _after(config, ground, gentle, route, height)
-    except MapError:
-        return _after(config, ground, hard, route, height)
+    for braking in stop_limits(config):
+        stop = stop_reference(reference, begin, braking).reference.xyz_m
+        if ground.outlines.keeps(stop[:, :2], _STOP_CLEARANCE_M):
+            return _after(config, ground, stop, route, height)
+    raise MapError("stop: there is no room for one on the way before the obstacle")
 
 
 def stop_limits(config: RunConfig) -> tuple[Limits, Limits]:

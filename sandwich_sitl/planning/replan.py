@@ -10,6 +10,9 @@ reference in force, and its time `from_s` at which the new plan takes over. Outp
 the same time base: up to `from_s` the samples of the old one, then the new. So whoever flies it changes over by
 exchanging the two, at any time before `from_s`, and nothing steps.
 
+Time counts: so the first plan need not lead to the goal, only `Question.reach_m` along the route to it, to rest; the
+rest of the way is then asked for with more time. What planning costs grows with the length of the way.
+
 In this order, the first that is proven by `prove_corridor` counts:
 
  1. a route to the goal, left for while moving, or after a stop on the old reference (`handover`);
@@ -32,16 +35,17 @@ from sandwich_sitl.errors import InputError, MapError, NoRouteError
 from sandwich_sitl.planning.corridor import proven_corridor
 from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan, Reference
 from sandwich_sitl.planning.handover import handover, state_at, stop_limits, stop_reference
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links
 from sandwich_sitl.planning.nav_mesh import build_nav_mesh
 from sandwich_sitl.planning.proof import prove_corridor
 from sandwich_sitl.planning.reference import Ground, ground_of
-from sandwich_sitl.planning.routes import RouteKind, find_route, shortened
-from sandwich_sitl.world.grow import mitred
+from sandwich_sitl.planning.shortest import shortest_path
+from sandwich_sitl.world.grow import GrownWorld, mitred
 from sandwich_sitl.world.world import Obstacle
 
 Array = NDArray[np.float64]
 
+_HAIR_M = 1e-6
+_NOT_MUCH = 1.3
 _NO_ROUTE = np.empty((0, 2))
 
 
@@ -70,19 +74,21 @@ class Known:
 
 @dataclass(frozen=True)
 class Question:
-    """`obstacles` that are new, the plan in force, and its time from which a new one is wanted."""
+    """`obstacles` that are new, the plan in force, its time from which a new one is wanted, and how far it has to reach."""
 
     obstacles: tuple[Obstacle, ...]
     reference: Reference
     corridor: Corridor
     from_s: float
+    reach_m: float = np.inf
 
 
 @dataclass(frozen=True)
 class Replan:
     """The answer: `reference` and `corridor` as a whole (those of the question when the verdict is NONE).
 
-    `route_m` (N, 2) leads from the change-over to the goal, N = 0 without a route; `why` says what was in the way.
+    `route_m` (N, 2) leads from the change-over to the goal, N = 0 without a route; `whole`: so does the reference, which
+    else rests where the question's reach ends. `why` says what was in the way.
     """
 
     verdict: Verdict
@@ -90,6 +96,7 @@ class Replan:
     corridor: Corridor
     route_m: Array
     why: str = ""
+    whole: bool = True
 
 
 def learnt(config: RunConfig, known: Known, obstacles: Sequence[Obstacle]) -> Known:
@@ -113,10 +120,11 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
     ground = ground_of(config, known.channel_map, [o.polygon for o in known.obstacles])
     try:
         here = state_at(question.reference, question.from_s).r_m[:2]
-        route = _route(config, known.channel_map, here)
-        reference, corridor = handover(config, ground, question.reference, question.from_s, route)
+        route = _route(config, known.channel_map.grown, here)
+        near = _within(route, question.reach_m)
+        reference, corridor = handover(config, ground, question.reference, question.from_s, near)
         _prove(config, known, reference, corridor)
-        return Replan(Verdict.ROUTE, *_spliced(question, reference, corridor), route)
+        return Replan(Verdict.ROUTE, *_spliced(question, reference, corridor), route, whole=near is route)
     except (InputError, MapError, NoRouteError) as error:
         why = str(error)
     for limits in stop_limits(config):
@@ -128,26 +136,46 @@ def replan(config: RunConfig, known: Known, question: Question) -> Replan:
     return Replan(Verdict.NONE, question.reference, question.corridor, _NO_ROUTE, why)
 
 
-def _route(config: RunConfig, channel_map: ChannelMap, here: Array) -> Array:
-    """The route (n, 2) from `here` to the goal; it begins on the map's nearest ground where `here` has been left out."""
-    # Time counts, and the route is pulled tight: the eight neighbours give its class.
-    map_graph, goal = build_map_graph(channel_map, wide=False), np.array(config.goal_m, dtype=float)
-    if not links(map_graph, goal):
-        blocker = channel_map.grown.blocker(config.goal_m)
+def _route(config: RunConfig, grown: GrownWorld, here: Array) -> Array:
+    """The shortest route (n, 2) from `here` to the goal on the free ground of the map, as a navigation mesh.
+
+    That is the optimum itself, and sooner than the map's grid could be searched: at 100,000 nodes it would have to be
+    numbered and linked anew. The route begins on the nearest free ground, where a flown curve is nearer to an obstacle
+    than planning allows; the curve made from it keeps what clearance there is.
+    """
+    mesh, goal = build_nav_mesh(grown), np.array(config.goal_m, dtype=float)
+    blocker = grown.blocker(config.goal_m)
+    if blocker is not None:
         raise NoRouteError(f"the goal lies in obstacle '{blocker}', grown by the vehicle's radius and margin")
-    entry = here if links(map_graph, here) else _nearest_node(config, map_graph, here)
-    route = find_route(channel_map, map_graph, entry, goal)
-    kind: RouteKind = "exact" if config.planner.route == "exact" else "tight"
-    points = shortened(map_graph, build_nav_mesh(channel_map.grown), route, kind).points_m
-    return points if entry is here else np.concatenate([here[None], points])
+    entry = _free_ground(config, grown, here)
+    found = shortest_path(mesh, entry, goal)
+    if found is None:
+        raise NoRouteError("obstacles close every way to the goal")
+    return np.concatenate([here[None], found.points_m[np.hypot(*(found.points_m - here).T) > _HAIR_M]])
 
 
-def _nearest_node(config: RunConfig, map_graph: MapGraph, here: Array) -> Array:
-    """A flown curve may be nearer to an obstacle than planning allows, but not by more than the margin."""
-    away = np.hypot(*(map_graph.graph.xy_m - here).T)
-    if not np.isfinite(away).any() or float(np.nanmin(away)) > config.planner.margin_m + config.planner.cell_m:
-        raise NoRouteError("the vehicle is shut in by obstacles")
-    return np.asarray(map_graph.graph.xy_m[int(np.nanargmin(away))])
+def _within(route: Array, reach_m: float) -> Array:
+    """The beginning of a route, `reach_m` long; the route itself when it is not much longer."""
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    if arc[-1] <= _NOT_MUCH * reach_m:
+        return route
+    end = [np.interp(reach_m, arc, route[:, axis]) for axis in range(2)]
+    return np.concatenate([route[arc < reach_m], [end]])
+
+
+def _free_ground(config: RunConfig, grown: GrownWorld, here: Array) -> Array:
+    """`here`, or the nearest point outside the grown obstacle that holds it; by less than the margin."""
+    point = shapely.Point(here)
+    for polygon in grown.polygons:
+        if polygon.contains(point):
+            if polygon.exterior.distance(point) > config.planner.margin_m:
+                break
+            foot = shapely.get_coordinates(shapely.shortest_line(point, polygon.exterior))[1]
+            away = foot - here
+            return np.asarray(foot + _HAIR_M * away / max(float(np.hypot(*away)), _HAIR_M))
+    else:
+        return here
+    raise NoRouteError("the vehicle is shut in by obstacles")
 
 
 def _kept(config: RunConfig, known: Known, ground: Ground, stop: Reference) -> tuple[Reference, Corridor]:

@@ -79,11 +79,12 @@ def whole_corridor(log: RunLog) -> Corridor | None:
 
 def detours_section(log: RunLog) -> Section:
     """How many obstacles were heard of and how many plans they led to; seconds from report to set-point, and wall time."""
-    waits_s = np.array([update.t_s - update.heard_s for update in log.updates])
+    updates = [update for update in log.updates if update.verdict != "onward"]
+    waits_s = np.array([update.t_s - update.heard_s for update in updates])
     wall_ms = 1e3 * np.array(json.loads(log.metadata.get("replans", {}).get("wall_s", "[]")))
     return {
         "obstacles": len(log.reported),
-        "replans": len(log.updates),
+        "replans": len(updates),
         "routes": sum(update.verdict == "route" for update in log.updates),
         "stops": sum(update.verdict == "stop" for update in log.updates),
         "report_to_setpoint_s": _middle_and_most(waits_s),

@@ -168,7 +168,11 @@ class RunRecorder:
     def _write(self, topic: str, t_ns: int, payload: bytes) -> None:
         if self._streams is not None:
             self._streams.put(topic, payload)
-        self._store(self._writer.add_message, self._channels[topic], t_ns, payload, t_ns)
+        if self.problem is None:
+            try:
+                self._writer.add_message(self._channels[topic], t_ns, payload, t_ns)
+            except OSError as error:
+                self._give_up(error)
         self._last_ns = t_ns
         now_s = time.monotonic()
         if now_s >= self._flush_due_s:
@@ -182,8 +186,11 @@ class RunRecorder:
         try:
             action(*arguments)
         except OSError as error:
-            self.problem = f"{self._path}: recording stopped ({error.strerror}); free some space for the next run"
-            _LOG.error(self.problem)
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self.problem = f"{self._path}: recording stopped ({error.strerror}); free some space for the next run"
+        _LOG.error(self.problem)
 
     def _write_timings(self) -> None:
         if not self._timings:

@@ -87,7 +87,7 @@ class PlanUpdate:
 
     t_s: float
     heard_s: float
-    verdict: str  # route or stop
+    verdict: str  # route, stop, or onward: the rest of the way of a route
     reason: str
     route_m: NDArray[np.float64]
     reference: Reference
@@ -105,7 +105,7 @@ class PlanUpdate:
         added = Corridor(
             corridor.Lambda[first:], corridor.Gamma[first:], corridor.polygons_m[first:], corridor.neighbours_m[first:]
         )
-        verdict = str(replan.verdict)
+        verdict = "onward" if adopted.onward else str(replan.verdict)
         return cls(adopted.t_s, adopted.heard_s, verdict, replan.why, replan.route_m, reference, first, added)
 
 

@@ -26,6 +26,7 @@ altitude_m: 4
 planner: {vehicle_radius_m: 0.4, margin_m: 0.6, cell_m: 1.0, speed_mps: 3.0, acceleration_mps2: 2.0}
 link: {uri: "udpin://127.0.0.1:0"}
 zenoh: {enabled: false}
+vehicle: {sensors: {estimator: error_model}}
 """
 
 

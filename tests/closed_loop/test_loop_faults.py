@@ -109,7 +109,9 @@ def test_ctrl_c_brakes_holds_and_lands(start: Start, short_config: Path, tmp_pat
 
 
 def test_ctrl_c_in_lockstep_lands_too(start: Start, short_config: Path, tmp_path: Path) -> None:
-    process = start("sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path))
+    # Slow, so that lockstep, some thirty times as fast as the clock, is not done before the signal comes.
+    slow = ("--set", "planner.speed_mps=0.5")
+    process = start("sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path), *slow)
     process.wait_for("ACTIVE")
     process.child.send_signal(signal.SIGINT)
     assert process.finish(60) == 130

@@ -57,6 +57,20 @@ def test_the_vehicle_landed_at_the_goal_close_to_the_reference_and_clear_of_the_
     assert abs(log.truth.r_m[-1, 2]) < 0.1
 
 
+@pytest.mark.slow
+def test_with_an_estimate_made_of_sensors_it_lands_and_is_off_by_the_estimates_error(
+    short_config: Path, tmp_path: Path
+) -> None:
+    done = run_cli("run", str(short_config), "--out", str(tmp_path), "--set", "vehicle.sensors.estimator=filter")
+    assert done.returncode == 0, done.stderr + done.stdout
+    log = RunLog.read(tmp_path / "run.mcap")
+    seen = np.array([np.interp(log.truth.t_s, log.estimate.t_s, log.estimate.r_m[:, axis]) for axis in range(2)]).T
+    error_m = np.linalg.norm(seen - log.truth.r_m[:, :2], axis=1)
+    flight = json.loads((tmp_path / "summary.json").read_text())["flight"]
+    assert 0.05 < np.sqrt(np.mean(error_m**2)) < 0.7
+    assert abs(flight["rms_error_m"] - np.sqrt(np.mean(error_m**2))) < 0.2
+
+
 def test_the_clearance_is_that_of_the_continuous_true_path(flown: Path) -> None:
     log = RunLog.read(flown / "run.mcap")
     crate = shapely.box(17, 8, 23, 15)

@@ -23,7 +23,7 @@ start_m: [5, 11]
 goal_m: [51, 11]
 altitude_m: 4
 planner: {vehicle_radius_m: 0.4, margin_m: 0.6, cell_m: 1.0, floors_m: [4, 9], speed_mps: 3.0, acceleration_mps2: 2.0}
-vehicle: {wind: {mean_enu_mps: [2, -2, 0], gust_std_mps: [0.8, 0.8, 0.5]}}
+vehicle: {sensors: {estimator: error_model}, wind: {mean_enu_mps: [2, -2, 0], gust_std_mps: [0.8, 0.8, 0.5]}}
 link: {uri: "udpin://127.0.0.1:0"}
 zenoh: {enabled: false}
 """

@@ -82,6 +82,27 @@ def test_a_jump_of_the_estimate_makes_no_step_in_the_command() -> None:
     assert moved[-1, 1] == pytest.approx(-0.3, abs=0.03)  # and in the end it has come back by as much
 
 
+def test_a_plan_that_starts_from_the_estimated_motion_shakes_the_vehicle() -> None:
+    """Why the plan starts from the command: 1 cm of noise in the measured place, plan started from either."""
+    reference, corridor = flight(10.0)
+    config = run_config()
+    shaken = []
+    for from_estimate in (False, True):
+        rng = np.random.default_rng(5)
+        tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+        commanded = [np.concatenate([reference.xyz_m[0], np.zeros(9)])] * 4
+        accelerations = []
+        for k in range(400):
+            if from_estimate and k > 5:
+                tracker.command = tracker.estimator.motion.copy()
+            noisy = commanded[-4][:3] + rng.normal(0.0, 0.01, 3)
+            tick = tracker.tick(k * DT, noisy, commanded[-4][3:6] + rng.normal(0.0, 0.02, 3), 0.0)
+            commanded.append(tick.setpoint)
+            accelerations.append(tick.setpoint[6:9])
+        shaken.append(float(np.abs(np.diff(accelerations, axis=0)).mean()))
+    assert shaken[1] > 3 * shaken[0]
+
+
 def test_tracker_returns_to_the_route_after_a_push() -> None:
     reference, corridor = flight()
     config = run_config()
@@ -104,6 +125,34 @@ def test_setpoints_form_one_smooth_motion() -> None:
         assert np.abs(tick.setpoint[:3] - last[:3] - last[3:6] * DT - last[6:9] * DT**2 / 2).max() < 1e-4
         np.testing.assert_allclose(tick.setpoint[9:] - last[9:], tick.snap * DT, atol=1e-9)
         last = tick.setpoint
+
+
+@pytest.mark.parametrize("pause_s", [0.3, 0.8])
+def test_after_a_pause_the_plan_begins_where_the_vehicle_has_come_to(pause_s: float) -> None:
+    """The vehicle flew on at 60 % of its speed: no leap back to the old command, and the reference waits for it."""
+    reference, corridor = flight(10.0)
+    config = run_config()
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state = np.concatenate([reference.xyz_m[0], np.zeros(9)])
+    for k in range(250):
+        state = tracker.tick(k * DT, state[:3], state[3:6], 0.0).setpoint
+    v = 0.6 * state[3:6]
+    r = state[:3] + pause_s * v
+    t = 249 * DT + pause_s
+    first = tracker.tick(t, r, v, 0.0)
+    assert first.rung is Rung.PLAN
+    assert np.linalg.norm(first.setpoint[:3] - r) < 0.15
+    assert np.linalg.norm(first.setpoint[3:6] - v) < 0.3
+    assert first.rate == pytest.approx(0.6, abs=0.2)
+    state, worst, fastest = first.setpoint, 0.0, 0.0
+    for k in range(1, 500):
+        tick = tracker.tick(t + k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+        worst = max(worst, float(np.linalg.norm(state[:3] - tick.desired_m)))
+        fastest = max(fastest, float(np.linalg.norm(state[3:6])))
+    assert worst < 0.35
+    assert fastest < 1.3 * 1.875 * 20.5 / 10.0
+    assert np.linalg.norm(state[:3] - reference.xyz_m[-1]) < 0.02
 
 
 def climb_and_go() -> Reference:
@@ -146,6 +195,16 @@ def test_a_vehicle_in_the_air_already_is_met_at_its_height(height_m: float) -> N
     tick = tracker.tick(0.0, there, np.zeros(3), 0.0)
     assert tick.desired_m[2] == pytest.approx(min(height_m, 10.0), abs=0.06)
     assert tick.setpoint[2] == pytest.approx(height_m, abs=0.01)
+
+
+def test_a_vehicle_too_high_for_its_first_floor_still_begins_at_the_start() -> None:
+    """The reference comes to the vehicle's height much later too, on its way to the next floor: not there."""
+    level, (_, corridor) = climb_and_go(), flight()
+    rising = level.xyz_m + np.outer(0.4 * level.xyz_m[:, 0], [0.0, 0.0, 1.0])
+    reference, config = dataclasses.replace(level, xyz_m=rising), run_config()
+    there = np.array([*reference.xyz_m[0, :2], 10.3])
+    tick = Tracker(config, mpc_of(config), reference, corridor, there).tick(0.0, there, np.zeros(3), 0.0)
+    np.testing.assert_allclose(tick.desired_m, [*reference.xyz_m[0, :2], 10.0], atol=0.06)
 
 
 def test_wind_is_countered_from_the_moment_the_ground_lets_go() -> None:

@@ -126,6 +126,8 @@ def test_a_start_beside_a_low_wall_climbs_on_the_spot_and_comes_down_over_the_go
     config, plan = planned(walled(8.0), start_m=(24.5, 30.0), goal_m=(35.5, 30.0))
     assert plan.proof is not None
     assert plan.proof.proven
+    assert plan.floors is not None
+    assert (plan.floors.changes, plan.floors.climbed_m) == (2, pytest.approx(10.0, abs=1e-6))
     high = plan.reference.xyz_m[plan.reference.xyz_m[:, 2] > 14.99]
     assert high[0, 0] < 25.0
     assert high[-1, 0] > 35.0

@@ -4,11 +4,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from vehicle_sim.config import VehicleConfig
 from vehicle_sim.parts import SensorsConfig
 from vehicle_sim.protocol.codec import Codec
 from vehicle_sim.protocol.node import Node
+from vehicle_sim.vehicle import Vehicle
 
 CLIENT, OTHER = "client", "other"
+#: custom_mode
+LOITER, TAKEOFF, RTL, LAND, OFFBOARD = 0x03040000, 0x02040000, 0x05040000, 0x06040000, 0x00060000
 EXACT = SensorsConfig(
     estimator="error_model",
     estimate_position_std_m=0,
@@ -90,3 +94,23 @@ def in_offboard(client: Client) -> Client:
     stream(client, 7.0)
     assert client.node.vehicle.state.d < -2.5
     return client
+
+
+def new_client(**config: Any) -> Client:
+    return Client(Node(Vehicle(VehicleConfig(**{"sensors": EXACT, **config}), 1), lockstep=False))
+
+
+def texts(messages: list[Any]) -> list[str]:
+    joined: list[str] = []
+    for m in named(messages, "STATUSTEXT"):
+        if m.chunk_seq:
+            joined[-1] += m.text
+        else:
+            joined.append(m.text)
+    return joined
+
+
+def beat(messages: list[Any]) -> tuple[int, int, int]:
+    """(custom_mode, base_mode, system_status) of the last HEARTBEAT."""
+    last = named(messages, "HEARTBEAT")[-1]
+    return last.custom_mode, last.base_mode, last.system_status

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import integrate, signal
 
-from vehicle_sim.autopilot.setpoints import SetpointMessage
 from vehicle_sim.config import load_run, parse_vehicle_section
 from vehicle_sim.dynamics import GRAVITY_MPS2, Body, State, state_at_rest, state_derivative, step_free
 from vehicle_sim.errors import ConfigError
@@ -113,36 +112,6 @@ def test_the_x500_file_hovers_where_its_thrust_says() -> None:
     flight.run(8.0, (2.0, 0.0, -3.0), lambda: overshoot.append(flight.vehicle.state.n))
     assert max(overshoot) < 2.3
     assert overshoot[-1] == pytest.approx(2.0, abs=0.05)
-
-
-#: PX4's generic gains, where the bundled vehicle's differ.
-PX4_GAINS = {
-    "MPC_XY_P": 0.95,
-    "MPC_XY_VEL_P_ACC": 1.8,
-    "MPC_XY_VEL_I_ACC": 0.4,
-    "MPC_XY_VEL_D_ACC": 0.2,
-    "MPC_Z_P": 1.0,
-    "MPC_Z_VEL_P_ACC": 4.0,
-    "MC_ROLL_P": 6.5,
-    "MC_PITCH_P": 6.5,
-}
-
-
-def test_with_px4s_gains_it_lags_as_px4s_own_simulator_does() -> None:
-    """A 10 m minimum-jerk leg in 6 s by position and velocity: PX4's simulator lags 0.85 m rms, 1.4 m at most."""
-    flight = Flight(airframe=x500(), parameters=PX4_GAINS, sensors=EXACT).take_off()
-    flight.run(6.0)
-    vehicle, lag = flight.vehicle, []
-    for k in range(300):
-        s = k * 0.02 / 6.0
-        place = 10.0 * (10 * s**3 - 15 * s**4 + 6 * s**5)
-        speed = 10.0 / 6.0 * (30 * s**2 - 60 * s**3 + 30 * s**4)
-        message = SetpointMessage(1, 0b111 << 6, (place, 0.0, -3.0), (speed, 0.0, 0.0), STILL, 0.0, 0.0)
-        vehicle.autopilot.receive_setpoint(message, vehicle.estimate)
-        vehicle.advance(8)
-        lag.append(abs(place - vehicle.state.n))
-    assert sqrt(np.mean(np.square(lag))) == pytest.approx(0.85, rel=0.25)
-    assert max(lag) == pytest.approx(1.4, rel=0.25)
 
 
 def test_an_airframe_file_is_checked(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ import pytest
 from vehicle_sim.autopilot.commander import READY_AFTER_S, Commander, Links
 from vehicle_sim.autopilot.contract import Event
 from vehicle_sim.autopilot.failsafe import POLICY, Decision, Reason, decide
-from vehicle_sim.autopilot.guidance import Sticks, approach_speed
+from vehicle_sim.autopilot.glide import approach_speed
+from vehicle_sim.autopilot.guidance import Sticks
 from vehicle_sim.autopilot.modes import MODE_TABLE, Mode, Need, base_mode
 from vehicle_sim.autopilot.parameters import TABLE, ParameterStore, find_parameter_problem
 from vehicle_sim.autopilot.results import Result, SystemStatus

@@ -10,6 +10,7 @@ from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.config import VehicleConfig
 from vehicle_sim.parts import FailureConfig, SensorsConfig
 from vehicle_sim.protocol.node import Node
+from vehicle_sim.sensors import MAGNETIC_FIELD_NED_GAUSS
 from vehicle_sim.telemetry.status import estimator_status
 from vehicle_sim.vehicle import Vehicle
 
@@ -18,6 +19,7 @@ from .node_client import EXACT, Client, named
 
 #: A wander that forgets within seconds, so that a minute of one seed holds many independent errors.
 QUICK = SensorsConfig(gps_correlation_s=5.0)
+UNBIASED = SensorsConfig(accelerometer_bias_std_mps2=0.0, gyroscope_bias_std_radps=0.0, magnetometer_bias_std_gauss=0.0)
 
 
 def horizontal_error_m(vehicle: Vehicle) -> float:
@@ -66,7 +68,7 @@ def test_errors_and_innovations_are_of_the_stated_size(moving: bool) -> None:
     assert np.all(np.abs(np.mean(innovations, axis=0))[[0, 1, 3, 4, 6, 7]] < np.array(stated) / 5)
 
 
-def test_errors_are_px4s_in_size() -> None:
+def test_measured_accuracy_of_the_estimate() -> None:
     """PX4's simulator: 0.3 m at the median horizontally and 0.7 m at most; up to 1.2 m in height."""
     across, down = [], []
     for seed in range(1, 13):
@@ -117,6 +119,26 @@ def test_gps_comes_at_its_rate_and_late_in_telemetry_too() -> None:
     assert vehicle.readings.gps_velocity_mps[0] == pytest.approx(2.0, abs=0.2)
 
 
+def test_inertial_sensors_and_magnetometer_are_biased_by_the_seed() -> None:
+    """The mean of many readings at rest is truth and bias; another seed has others, a configuration of zeros none."""
+    means = []
+    for seed, sensors in ((1, SensorsConfig()), (2, SensorsConfig()), (1, UNBIASED)):
+        vehicle = Vehicle(VehicleConfig(sensors=sensors), seed)
+        vehicle.advance(400)
+        read = []
+        for _ in range(1000):
+            vehicle.advance(8)
+            r = vehicle.readings
+            read.append((*r.specific_force_mps2, *r.gyroscope_radps, *r.magnetometer_gauss))
+        c = vehicle.constants
+        offset = np.mean(read, axis=0) - (0.0, 0.0, -9.80665, 0.0, 0.0, 0.0, *MAGNETIC_FIELD_NED_GAUSS)
+        assert offset == pytest.approx(np.concatenate((c.accel_bias, c.gyro_bias, c.field_bias)), abs=0.006)
+        means.append(np.concatenate((c.accel_bias, c.gyro_bias, c.field_bias)))
+    assert np.all(np.abs(means[0]) > 0)
+    assert not np.any(np.isclose(means[0], means[1], rtol=1e-3))
+    assert not np.any(means[2])
+
+
 def test_telemetry_states_the_accuracy_and_the_test_ratios() -> None:
     client = Client(Node(Vehicle(VehicleConfig(), 1), lockstep=False))
     statuses = named(client.run(30.0), "ESTIMATOR_STATUS")[5:]
@@ -150,6 +172,17 @@ def test_without_gps_the_estimate_drifts_and_after_the_time_out_the_vehicle_desc
     drifting = Flight(2, failures=(loss,)).take_off()
     drifting.run(30.0)
     assert horizontal_error_m(drifting.vehicle) > before_m + 0.3
+
+
+def test_gps_that_comes_back_after_long_is_believed_at_once() -> None:
+    loss, back = FailureConfig(at_s=14.0, part="gps"), FailureConfig(at_s=34.0, part="gps", ok=True)
+    vehicle = Vehicle(VehicleConfig(failures=(loss, back)), 2)
+    vehicle.advance(400 * 14)
+    vehicle.flight.estimate[:2] += 20.0  # as after a long drift
+    vehicle.advance(400 * 20)
+    assert horizontal_error_m(vehicle) > 10.0
+    vehicle.advance(200)
+    assert horizontal_error_m(vehicle) < 1.5
 
 
 def test_a_short_loss_of_gps_is_bridged() -> None:

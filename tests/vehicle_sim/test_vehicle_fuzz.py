@@ -22,7 +22,9 @@ from vehicle_sim.vehicle import Vehicle
 from .node_client import EXACT, Client, in_offboard
 
 FRAMES = int(os.environ.get("SITL_FUZZ_FRAMES", "1000000"))
-KINDS = [kind for kind in mavlink.mavlink_map.values() if kind.msgname in HANDLERS]
+#: A random key would shut the rest out: SETUP_SIGNING has tests of its own.
+LISTENED_TO = set(HANDLERS) - {"SETUP_SIGNING"}
+KINDS = [kind for kind in mavlink.mavlink_map.values() if kind.msgname in LISTENED_TO]
 OTHERS = [kind for kind in mavlink.mavlink_map.values() if kind.msgname not in HANDLERS]
 SPECIAL = [struct.pack("<f", value) for value in (math.nan, math.inf, -math.inf, 1e38, -1e38, 0.0, 1.0, 4.0, 6.0)]
 COMMANDS = (176, 400, 22, 21, 20, 192, 178, 511, 512, 420, 193, 224, 300, 185, 179, 17, 246, 2000)

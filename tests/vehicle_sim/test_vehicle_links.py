@@ -82,6 +82,7 @@ def tcp_to(port: int) -> socket.socket:
 
 
 HELLO = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+SETPOINT = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, -3, *([0] * 8))
 ASK = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
 
 
@@ -199,6 +200,27 @@ def test_any_speed_factor(start: Start, speed: str, low: float, high: float) -> 
         assert low < (last - first) / 1e3 / (time.monotonic() - begin) < high
 
 
+def test_row_23_time_outs_are_scaled_by_the_speed(start: Start) -> None:
+    """COM_OF_LOSS_T is simulated time: at four times the speed OFFBOARD is lost 1.07 s of the vehicle's clock after the last set-point."""
+    port = free_port()
+    start("--connect", f"udpin://127.0.0.1:{port}", "--speed", "4")
+    with udp_to(port) as sock:
+        talker = Talker(sock)
+        talker.send(HELLO)
+        talker.hear("HEARTBEAT", where=lambda m: m.system_status == 3)
+        talker.send(SETPOINT)
+        for number, parameters in ((176, (1, 6)), (400, (1, 0))):
+            talker.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *parameters, 0, 0, 0, 0, 0))
+        last_ms = 0
+        while talker.hear("EXTENDED_SYS_STATE").landed_state != 2:
+            last_ms = talker.hear("LOCAL_POSITION_NED").time_boot_ms
+            talker.send(SETPOINT)
+            assert last_ms < 30_000
+        # OFFBOARD's own target is the set-point; the Return that takes over asks for somewhere else
+        changed = talker.hear("POSITION_TARGET_LOCAL_NED", where=lambda m: m.z != -3.0)
+        assert (changed.time_boot_ms - last_ms) / 1e3 == pytest.approx(1.07, abs=0.5)
+
+
 def processor_s(pid: int) -> float:
     """Processor time so far: what a start takes on a machine that does nothing else."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
@@ -220,6 +242,27 @@ def test_first_heartbeat_within_a_second_and_memory_below_200_mib(start: Start) 
             peaks.append(int(status.split("VmHWM:")[1].split()[0]) / 1024)
     assert min(waits[1:]) < 1.0, waits
     assert max(peaks[1:]) < 200, peaks
+
+
+@pytest.mark.slow
+def test_the_first_start_of_an_installation_is_quick_and_small_too(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is compiled yet; the compiler runs beside the vehicle, which takes up its work when that is done."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        target = f"udpout://127.0.0.1:{sock.getsockname()[1]}"
+        process = start("--connect", target, "--bind", "127.0.0.1:0", ready=0)
+        Talker(sock).hear("HEARTBEAT", 30.0)
+        assert processor_s(process.pid) < 1.0
+        end = time.monotonic() + 100.0
+        while not list(tmp_path.glob("cache/**/*advance*.nbi")) and time.monotonic() < end:
+            time.sleep(0.2)
+        time.sleep(3.0)
+        assert list(tmp_path.glob("cache/**/*advance*.nbc"))
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        assert int(status.split("VmHWM:")[1].split()[0]) / 1024 < 200
 
 
 def test_listings_need_no_configuration() -> None:

@@ -126,7 +126,7 @@ def test_jumps_are_counted_and_end(client: Client) -> None:
     assert reached == [0, 1, 0, 1, 0, 1, 2]
 
 
-def test_uploads_are_asked_again_time_out_and_are_refused(client: Client) -> None:
+def test_row_21_uploads_are_asked_again_time_out_and_are_refused(client: Client) -> None:
     client.run(0.1)
     heard = client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     assert [m.seq for m in named(heard, "MISSION_REQUEST_INT")] == [0]

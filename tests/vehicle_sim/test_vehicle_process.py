@@ -19,6 +19,7 @@ from mcap.reader import make_reader
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development
 
 from vehicle_sim.cli import main
 from vehicle_sim.config import load_run, parse_vehicle_section, vehicle_schema
@@ -211,7 +212,7 @@ def test_lockstep_same_seed_same_bytes_and_retries_change_nothing(
     assert flights[0][0] != flights[2][0]
     datagrams, records = flights[0]
     assert [t for _, t, _ in records] == sorted(t for _, t, _ in records)
-    parser = mavlink.MAVLink(None)
+    parser = development.MAVLink(None)  # the dialect that knows CURRENT_MODE
     parsed = [list(parser.parse_buffer(bytearray(d)) or []) for d in datagrams]
     assert [messages[-1].get_type() for messages in parsed] == ["SYSTEM_TIME"] * len(parsed)
     assert [messages[-1].time_boot_ms for messages in parsed] == [20 * k for k in range(len(parsed))]

@@ -57,8 +57,9 @@ def test_fields_of_the_state_by_hand(client: Client) -> None:
     assert imu.zacc == pytest.approx(-9.807, abs=0.3)  # at rest the accelerometer points up, which is -z
     assert imu.ymag == pytest.approx(-0.212, abs=0.02)  # facing east, north is on the left
     status = named(messages, "SYS_STATUS")[-1]
-    needed = 0x1 | 0x2 | 0x4 | 0x20 | 0x10000000
-    assert status.onboard_control_sensors_present & needed == needed
+    sensors = 0x1 | 0x2 | 0x4 | 0x20
+    needed = sensors | 0x10000000
+    assert status.onboard_control_sensors_present & sensors == sensors
     assert status.onboard_control_sensors_health & needed == needed
     assert not named(messages, "SYS_STATUS")[0].onboard_control_sensors_health & 0x10000000
     assert named(messages, "GPS_RAW_INT")[-1].fix_type == 3

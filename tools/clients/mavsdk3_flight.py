@@ -15,8 +15,11 @@ from typing import Any
 
 from mavsdk import System
 from mavsdk.action import ActionError
+from mavsdk.calibration import CalibrationError
+from mavsdk.camera import CameraError
 from mavsdk.ftp import FtpError
 from mavsdk.geofence import FenceType, GeofenceData, Point, Polygon
+from mavsdk.gimbal import GimbalError, GimbalMode, SendMode
 from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.offboard import (
     AccelerationNed,
@@ -27,7 +30,15 @@ from mavsdk.offboard import (
     VelocityNedYaw,
 )  # fmt: skip
 from mavsdk.param import ParamError
-from mavsdk.telemetry import FlightMode
+from mavsdk.telemetry import FlightMode, TelemetryError
+
+#: Telemetry of parts that PX4's built-in simulator has not or that it does not send, and texts, which come when there is something to say.
+NOT_SENT = {
+    "actuator_control_target", "actuator_output_status", "distance_sensor", "raw_imu", "scaled_imu", "wind", "status_text",
+    "name",
+}  # fmt: skip
+#: Messages that PX4 does not know at all.
+NO_RATE = {"actuator_control_target", "raw_imu"}
 
 
 async def first(stream: AsyncIterator[Any], limit_s: float = 5.0) -> Any:
@@ -64,18 +75,16 @@ class Flight:
         await until(self.telemetry.health_all_ok(), bool, 10, "health_all_ok")
         await until(self.telemetry.health(), lambda h: h.is_armable, 10, "is_armable")
 
-    async def every_stream(self) -> None:
-        names = (
-            "position", "home", "in_air", "landed_state", "attitude_quaternion", "attitude_euler", "velocity_ned",
-            "attitude_angular_velocity_body", "gps_info", "raw_gps", "battery", "flight_mode", "health", "odometry",
-            "position_velocity_ned", "imu", "scaled_pressure", "heading", "altitude",
-            "fixedwing_metrics",
-        )  # fmt: skip
+    async def every_stream(self) -> str:
+        """A value comes of each; those of parts that PX4's simulator has not are left out."""
+        await self.telemetry.set_rate_ground_truth(5.0)
+        names = [n for n in dir(self.telemetry) if not n.startswith(("_", "set_rate", "get_")) and n not in NOT_SENT]
         for name in names:
             try:
                 await first(getattr(self.telemetry, name)())
             except TimeoutError as error:
                 raise TimeoutError(f"nothing came of {name}") from error
+        return f"{len(names)} streams"
 
     async def info(self) -> None:
         assert (await self.drone.info.get_version()).flight_sw_major == 1
@@ -96,9 +105,15 @@ class Flight:
             return str(error)[:80]
         raise AssertionError("not refused")
 
-    async def set_rates(self) -> None:
-        for name in ("position", "home", "in_air", "attitude_euler", "velocity_ned", "battery", "odometry", "imu"):
-            await getattr(self.telemetry, f"set_rate_{name}")(5.0)
+    async def set_rates(self) -> str:
+        names = [name for name in dir(self.telemetry) if name.startswith("set_rate_")]
+        for name in names:
+            try:
+                await getattr(self.telemetry, name)(5.0)
+            except TelemetryError as error:
+                if name.removeprefix("set_rate_") not in NO_RATE:
+                    raise AssertionError(f"{name}: {error}") from error
+        return f"{len(names)} rates"
 
     async def refuses_what_it_cannot(self) -> str:
         try:
@@ -188,6 +203,26 @@ class Flight:
             return str(error)[:80]
         raise AssertionError("not refused")
 
+    async def refuses_calibration(self) -> str:
+        try:
+            await first(self.drone.calibration.calibrate_gyro(), 8)
+        except CalibrationError as error:
+            return str(error)[:80]
+        raise AssertionError("not refused")
+
+    async def refuses_camera_and_gimbal(self) -> str:
+        notes = []
+        for asked in (
+            self.drone.camera.take_photo(1),
+            self.drone.gimbal.set_angles(1, 0.0, 0.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE),
+        ):
+            try:
+                await asyncio.wait_for(asked, 8)
+            except (CameraError, GimbalError) as error:
+                notes.append(str(error)[:30])
+        assert len(notes) == 2, f"refused: {notes}"
+        return ", ".join(notes)
+
     async def returns(self) -> None:
         await self.drone.param.set_param_float("RTL_RETURN_ALT", 8.0)
         await self.action.return_to_launch()
@@ -203,8 +238,10 @@ class Flight:
 
 
 STEPS = (
-    "health", "every_stream", "info", "parameters", "parameter_of_wrong_type", "set_rates", "refuses_what_it_cannot",
-    "arm_and_takeoff", "goto", "set_points", "mission", "fence", "refuses_ftp", "returns", "lands",
+    "health", "every_stream", "info", "parameters", "parameter_of_wrong_type", "set_rates", "refuses_calibration",
+    "refuses_what_it_cannot",
+    "arm_and_takeoff", "goto", "set_points", "mission", "fence", "refuses_ftp",
+    "refuses_camera_and_gimbal", "returns", "lands",
 )  # fmt: skip
 
 

@@ -13,6 +13,11 @@ from typing import Any
 
 from mavsdk import ComponentType, Configuration, Mavsdk
 
+#: Telemetry of parts that PX4's built-in simulator has not (distance sensor, servos' feedback, wind sensor) or that it does not send.
+NOT_SENT = {"actuator_control_target", "actuator_output_status", "distance_sensor", "raw_imu", "scaled_imu", "wind"}
+#: Messages that PX4 does not know at all.
+NO_RATE = {"actuator_control_target", "raw_imu"}
+
 
 def part(system: Any, name: str) -> Any:
     module = import_module(f"mavsdk.plugins.{name}")
@@ -70,18 +75,26 @@ class Flight:
         until(self.telemetry.health_all_ok, 10, "health_all_ok")
         until(lambda: self.telemetry.health().is_armable, 10, "is_armable")
 
-    def every_stream(self) -> None:
-        names = (
-            "position", "home", "in_air", "landed_state", "attitude_quaternion", "attitude_euler", "velocity_ned",
-            "attitude_angular_velocity_body", "gps_info", "raw_gps", "battery", "flight_mode", "health", "odometry",
-            "position_velocity_ned", "imu", "scaled_pressure", "heading", "altitude",
-            "fixedwing_metrics",
-        )  # fmt: skip
-        until(lambda: abs(self.telemetry.home().latitude_deg) > 1, 5, "home")
+    def every_stream(self) -> str:
+        """Each subscription is called; those of parts that PX4's simulator has not are left out."""
+        names = {name.removeprefix("subscribe_") for name in dir(self.telemetry) if name.startswith("subscribe_")}
+        names -= NOT_SENT
+        heard: set[str] = set()
         for name in names:
-            until(lambda n=name: getattr(self.telemetry, n)() is not None, 3, name)
+            subscribe = getattr(self.telemetry, f"subscribe_{name}")
+            if name == "status_text":
+                subscribe(lambda _text, _data: None)
+                heard.add(name)
+            else:
+                subscribe(lambda _value, _data, n=name: heard.add(n))
+        self.telemetry.set_rate_ground_truth(5.0)
+        try:
+            until(lambda: names <= heard, 8, "every stream")
+        except TimeoutError as error:
+            raise TimeoutError(f"nothing came of {sorted(names - heard)}") from error
         near(self.telemetry.position().latitude_deg, 47.397742, 1e-4, "latitude")
-        near(self.telemetry.attitude_euler().yaw_deg, 0.0, 2.0, "yaw")
+        near(self.telemetry.attitude_euler().yaw_deg, 0.0, 5.0, "yaw")
+        return f"{len(names)} streams"
 
     def parameters(self) -> None:
         near(self.param.get_param_float("COM_OF_LOSS_T"), 1.0, 1e-6, "COM_OF_LOSS_T")
@@ -99,9 +112,15 @@ class Flight:
     def parameter_unknown(self) -> str:
         return refused(lambda: self.param.get_param_int("NO_SUCH"), 8.0)
 
-    def set_rates(self) -> None:
-        for name in ("position", "home", "in_air", "attitude_euler", "velocity_ned", "battery", "odometry", "imu"):
-            getattr(self.telemetry, f"set_rate_{name}")(5.0)
+    def set_rates(self) -> str:
+        """All of them; and a rate that is asked for is the rate that comes."""
+        names = [name for name in dir(self.telemetry) if name.startswith("set_rate_") and not name.endswith("_async")]
+        for name in names:
+            if name.removeprefix("set_rate_") in NO_RATE:
+                refused(lambda n=name: getattr(self.telemetry, n)(5.0), 5.0)
+            else:
+                getattr(self.telemetry, name)(5.0)
+        return f"{len(names)} rates"
 
     def info(self) -> None:
         info = part(self.system, "info")
@@ -214,13 +233,32 @@ class Flight:
     def refuses_ftp(self) -> str:
         return refused(lambda: part(self.system, "ftp").list_directory("/"), 6.0)
 
-    def refuses_shell_calibration(self) -> None:
+    def refuses_calibration(self) -> str:
         calibration, results = part(self.system, "calibration"), []
-        calibration.calibrate_gyro_async(lambda result, _data, _user: results.append(result))
-        until(lambda: bool(results), 8, "an answer to calibrate_gyro")
+        for kind in ("gyro", "accelerometer", "magnetometer", "level_horizon"):
+            results.clear()
+            getattr(calibration, f"calibrate_{kind}_async")(lambda result, _data, _user: results.append(result))
+            until(lambda: bool(results), 8, f"an answer to calibrate_{kind}")
+            assert results[-1].name == "UNSUPPORTED", f"calibrate_{kind}: {results}"
+        return str(results[-1].name)
 
-    def has_no_camera(self) -> None:
-        assert part(self.system, "camera").camera_list() is not None
+    def refuses_camera(self) -> str:
+        camera = part(self.system, "camera")
+        assert not camera.camera_list().cameras
+        return refused(lambda: camera.take_photo(1), 5.0)
+
+    def refuses_gimbal(self) -> str:
+        from mavsdk.plugins.gimbal.gimbal import GimbalMode, SendMode
+
+        gimbal = part(self.system, "gimbal")
+        assert not gimbal.gimbal_list().gimbals
+        return refused(lambda: gimbal.set_angles(1, 0.0, 0.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE), 5.0)
+
+    def injects_failure(self) -> str:
+        """Refused while SYS_FAILURE_EN is 0, as PX4 does."""
+        from mavsdk.plugins.failure.failure import FailureType, FailureUnit
+
+        return refused(lambda: part(self.system, "failure").inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0), 5.0)
 
     def returns(self) -> None:
         self.param.set_param_float("RTL_RETURN_ALT", 8.0)
@@ -241,8 +279,9 @@ class Flight:
 
 STEPS = (
     "health", "every_stream", "info", "parameters", "parameter_of_wrong_type", "parameter_unknown", "set_rates",
-    "takeoff_altitude", "arm_and_takeoff", "goto", "speed", "hold", "set_points", "mission_items", "mission_flown",
-    "mission_cleared", "fence", "refuses_ftp", "refuses_shell_calibration", "has_no_camera", "returns", "lands",
+    "refuses_calibration", "takeoff_altitude", "arm_and_takeoff", "goto", "speed", "hold", "set_points", "mission_items", "mission_flown",
+    "mission_cleared", "fence", "refuses_ftp", "refuses_camera", "refuses_gimbal",
+    "injects_failure", "returns", "lands",
 )  # fmt: skip
 
 

@@ -58,13 +58,14 @@ class Codec:
         data = data.rstrip(b"\0") or b"\0"
         sequence = self._sequence
         self._sequence = (sequence + 1) & 0xFF
-        flags = SIGNED_FLAG if self._signing is not None else 0
+        signing = self._signing if self._signing is not None and self._signing.is_on else None
+        flags = SIGNED_FLAG if signing is not None else 0
         checked = _CHECKED_V2.pack(
             len(data), flags, 0, sequence, self._system_id, COMPONENT_ID, number & 0xFFFF, number >> 16
         )
         checked += data
         frame = b"\xfd" + checked + _CRC.pack(mcrf4xx(checked + seed))
-        return frame if self._signing is None else self._signing.sign(frame, self._link_id)
+        return frame if signing is None else signing.sign(frame, self._link_id)
 
     def skip(self, count: int) -> None:
         """Leave out sequence numbers."""

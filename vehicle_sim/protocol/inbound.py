@@ -155,6 +155,14 @@ def _file_transfer(_node: "Node", session: Session, received: Received) -> None:
         session.send(mavlink.MAVLink_file_transfer_protocol_message(0, received.system_id, received.component_id, body))
 
 
+def _setup_signing(node: "Node", _session: Session, received: Received) -> None:
+    """A new key, or none; not in flight. With a key in force only a message signed with it comes this far."""
+    if node.vehicle.autopilot.commander.armed:
+        node.vehicle.autopilot.commander.say(Severity.WARNING, "Signing not changed: vehicle is armed")
+        return
+    node.signing.set_up(bytes(received.message.secret_key), received.message.initial_timestamp)
+
+
 def _log_list(_node: "Node", session: Session, _received: Received) -> None:
     session.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
@@ -174,6 +182,7 @@ HANDLERS: dict[str, Handler] = {
     "PARAM_REQUEST_READ": _parameter_read,
     "PARAM_SET": _parameter_set,
     "FILE_TRANSFER_PROTOCOL": _file_transfer,
+    "SETUP_SIGNING": _setup_signing,
     "LOG_REQUEST_LIST": _log_list,
     "MISSION_REQUEST_LIST": lambda node, session, received: node.missions.on_list(session, received),
     "MISSION_REQUEST_INT": lambda node, session, received: node.missions.on_request(session, received),

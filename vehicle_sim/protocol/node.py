@@ -47,7 +47,7 @@ class Node:
         signing: Signing | None = None,
     ) -> None:
         self.vehicle = vehicle
-        self.signing = signing
+        self.signing = signing or Signing()
         self.sessions: dict[Hashable, Session] = {}
         self.missions: MissionManager = MissionManager(vehicle)
         self.journal = Journal()
@@ -85,7 +85,7 @@ class Node:
                 session.poll(now_us)
             if now_us >= self._next_sample_us:
                 self._sample(now_us)
-        if self.signing is not None:
+        if self.signing.is_on:
             self.signing.reach_us(vehicle.t_us)
 
     def handle(self, address: Hashable, received: Received) -> None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from vehicle_sim.autopilot.results import Text
 from vehicle_sim.protocol.codec import Codec
-from vehicle_sim.telemetry.streams import DEFAULT_INTERVALS_US, STREAMS
+from vehicle_sim.telemetry.streams import DEFAULT_INTERVALS_US, SILENT, STREAMS
 from vehicle_sim.vehicle import Vehicle
 
 _CHUNK = 50
@@ -82,7 +82,7 @@ class Session:
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """0 restores the default, -1 stops. False when the message cannot be sent at all."""
         if message_id not in STREAMS:
-            return False
+            return message_id in SILENT
         interval_us = interval_us or self._default_us.get(message_id, 0)
         self._by_id.pop(message_id, None)
         if interval_us > 0:

@@ -2,8 +2,9 @@
 
     signature = first 6 bytes of SHA-256(key, header, payload, checksum, link id, time stamp)        time stamp in units of 10 us
 
-State: the last accepted time stamp of every (system, component, link). It moves only after the hash has been found right, so a forged
-stamp from the far future shuts nobody out. Refusals are counted by reason.
+State: the key, and the last accepted time stamp of every (system, component, link). A stamp moves only after the hash has been found
+right, so a forged one from the far future shuts nobody out. Refusals are counted by reason. Without a key nothing is signed and everything
+is listened to; SETUP_SIGNING gives, changes and takes the key, as PX4 has it (docs.px4.io, "MAVLink Message Signing").
 """
 
 from collections import Counter
@@ -15,7 +16,8 @@ SIGNATURE_BYTES = 13
 SIGNED_FLAG = 0x01
 MAX_STREAMS = 64
 _NEW_STREAM_SLACK = 60 * 100_000
-_RADIO_STATUS = 109
+#: What other systems send that cannot sign: RADIO_STATUS, ADSB_VEHICLE, COLLISION.
+_ALWAYS_HEARD = (109, 246, 247)
 
 
 class Refused(Enum):
@@ -37,13 +39,24 @@ def key_of(passphrase: str) -> bytes:
 class Signing:
     """One vehicle's key and clock; `stamp` is the newest time stamp made or believed."""
 
-    def __init__(self, key: bytes, epoch: int) -> None:
+    def __init__(self, key: bytes | None = None, epoch: int = 0) -> None:
         """`epoch` is the time stamp at boot."""
-        self._key = key
+        self._key = key or b""
         self._epoch = epoch
         self.stamp = epoch
         self._streams: dict[tuple[int, int, int], int] = {}
         self.refused: Counter[Refused] = Counter()
+
+    @property
+    def is_on(self) -> bool:
+        """There is a key."""
+        return bool(self._key)
+
+    def set_up(self, key: bytes, stamp: int) -> None:
+        """A new key and its first time stamp; both zero: no signing any more."""
+        self._key = key if any(key) or stamp else b""
+        self.stamp = max(self.stamp, stamp)
+        self._streams.clear()
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
         """The frame (with its signed flag already set) and its signature."""
@@ -57,7 +70,7 @@ class Signing:
 
     def problem(self, frame: bytes) -> Refused | None:
         """None when the frame may be listened to."""
-        refused = self._check(frame)
+        refused = self._check(frame) if self._key else None
         if refused is not None:
             self.refused[refused] += 1
         return refused
@@ -66,8 +79,7 @@ class Signing:
         if frame[0] != 0xFD:
             return Refused.VERSION_1
         if not frame[2] & SIGNED_FLAG:
-            is_radio = int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
-            return None if is_radio else Refused.UNSIGNED
+            return None if int.from_bytes(frame[7:10], "little") in _ALWAYS_HEARD else Refused.UNSIGNED
         if not compare_digest(sha256(self._key + frame[:-6]).digest()[:6], frame[-6:]):
             return Refused.WRONG_KEY
         stream = (frame[5], frame[6], frame[-13])

@@ -22,7 +22,6 @@ _SENSORS_PRESENT = 0x300402F
 _SENSORS_ENABLED = 0x301402F
 _HEALTH_READY = 0x1320C83F
 _HEALTH_BOOT = 0x0320C80F
-_PREARM_CHECK = 0x10000000
 _UINT16_UNKNOWN = 65535
 _ESTIMATOR_FLAGS_GOOD = 831
 _GPS_FIX_AFTER_S = 2.0
@@ -96,8 +95,8 @@ def sys_status(v: Vehicle) -> Any:
     health = _HEALTH_READY if ready else _HEALTH_BOOT
     b = v.battery
     return mavlink.MAVLink_sys_status_message(
-        _SENSORS_PRESENT | _PREARM_CHECK,
-        _SENSORS_ENABLED | _PREARM_CHECK,
+        _SENSORS_PRESENT,
+        _SENSORS_ENABLED,
         health & ~v.failures.health_bits_lost,
         250,
         min(65534, round(b.voltage_v * 1e3)),

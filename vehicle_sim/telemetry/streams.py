@@ -43,6 +43,20 @@ STREAMS: dict[int, tuple[Builder, int]] = {
     mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: (ranging.obstacle_distance, 0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (identity.mission_current, 1_000_000),
 }
+#: Messages that PX4 would send if the part were there: a rate may be set, nothing comes, a request is denied.
+SILENT = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU2,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
+        mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+        mavlink.MAVLINK_MSG_ID_WIND_COV,
+        mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS,
+        mavlink.MAVLINK_MSG_ID_GPS2_RAW,
+        mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+    }
+)
 DEFAULT_INTERVALS_US: dict[int, int] = {number: interval_us for number, (_, interval_us) in STREAMS.items()}
 #: What goes to the port of the true state.
 TRUTH_STREAMS: dict[int, int] = {

@@ -40,7 +40,7 @@ class ActiveSetSolver:
     def solve(self, tick: HorizonTick) -> HorizonAnswer:
         """The exact answer, to 1e-8 m."""
         free = self._horizon.free(tick)
-        if not (np.isfinite(free).all() and np.isfinite(tick.offsets).all() and np.isfinite(tick.normals).all()):
+        if not self._horizon.sane(tick, free):
             return self._horizon.failed()
         rounds, working = dual_active_set(
             free, self._horizon.table, np.ascontiguousarray(tick.normals), tick.offsets, self._edges, self._edge_count,

@@ -11,7 +11,7 @@ Maker = Callable[[Horizon], HorizonSolver]
 
 _PLACES = {
     "active_set": ("active_set", "ActiveSetSolver"),
-    "osqp": ("osqp_sparse", "OsqpSolver"),
+    "osqp": ("osqp_dual", "OsqpSolver"),
     "daqp": ("daqp_dense", "DaqpSolver"),
     "piqp": ("piqp_sparse", "PiqpSolver"),
     "clarabel": ("clarabel_sparse", "ClarabelSolver"),
@@ -33,6 +33,6 @@ def bare_solver(name: str, horizon: Horizon) -> HorizonSolver:
 
 
 def solver_for_flight(name: str, horizon: Horizon) -> HorizonSolver:
-    """The solver as it flies: asked only in ticks in which a row binds."""
+    """The solver as it flies: asked only in ticks in which a row binds; the first two see to that themselves."""
     solver = bare_solver(name, horizon)
-    return solver if name == "active_set" else IdleRowsFirst(horizon, solver)
+    return solver if name in ("active_set", "osqp") else IdleRowsFirst(horizon, solver)
