@@ -6,6 +6,7 @@ of its own, which is started and has planned once before there is a flight. In l
 meanwhile: the answer is computed when it is collected, at a fixed simulation time, so that equal seeds give equal bytes.
 """
 
+import dataclasses
 import multiprocessing
 import signal
 import time
@@ -19,11 +20,15 @@ import shapely
 
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.planning.flight_plan import FlightPlan
+from sandwich_sitl.planning.plan import plan_flight
 from sandwich_sitl.planning.replan import Known, Question, Replan, Verdict, learnt, replan
-from sandwich_sitl.world.world import Obstacle
+from sandwich_sitl.world.world import Obstacle, World
 
 _START_S = 60.0
 _STOP_S = 5.0
+_THING_M = 0.3
+_REHEARSED_M = (4.0, 12.0)  # ahead
+_FAST_MPS = 12.0
 
 
 @dataclass(frozen=True)
@@ -158,10 +163,24 @@ def _serve(connection: Connection, config: RunConfig, plan: FlightPlan, keeps: b
 
 
 def rehearse(config: RunConfig, plan: FlightPlan) -> None:
-    """Plan round a thing in the middle of the route: what is compiled or loaded at first use is then at hand."""
+    """Plan round things near and far on the route and, fast, in an open field, where a plan wishes for more berth than it
+    gets: what is compiled or loaded at first use is then at hand.
+    """
+    planner = dataclasses.replace(config.planner, cell_m=1.0, flow="x", floors_m=(), speed_mps=_FAST_MPS)
+    field = dataclasses.replace(config, start_m=(5.0, 15.0), goal_m=(75.0, 15.0), planner=planner, mode="timed")
+    shed = Obstacle("shed", shapely.box(20.0, 2.0, 24.0, 8.0))
+    in_field = plan_flight(field, World((0.0, 0.0, 80.0, 30.0), (shed,)), lambda _: None)
+    for practice, flight in ((field, in_field), (config, plan)):
+        for ahead_m in _REHEARSED_M:
+            _rehearse(practice, flight, ahead_m)
+
+
+def _rehearse(config: RunConfig, plan: FlightPlan, ahead_m: float) -> None:
     reference = plan.reference
-    x, y = reference.xyz_m[len(reference.t_s) * 2 // 3, :2].tolist()
+    k = len(reference.t_s) // 2
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(reference.xyz_m[k:, :2], axis=0).T))])
+    x, y = reference.xyz_m[min(k + int(np.searchsorted(travelled, ahead_m)), len(reference.t_s) - 1), :2].tolist()
+    thing = Obstacle("rehearsal", shapely.box(x - _THING_M, y - _THING_M, x + _THING_M, y + _THING_M))
     planner = InlinePlanner(config, plan)
-    thing = Obstacle("rehearsal", shapely.box(x - 0.3, y - 0.3, x + 0.3, y + 0.3))
-    planner.ask(Question((thing,), reference, plan.corridor, float(reference.t_s[len(reference.t_s) // 2])))
+    planner.ask(Question((thing,), reference, plan.corridor, float(reference.t_s[k])))
     planner.answer()
