@@ -274,8 +274,12 @@ def _is_in(numbers: Ints, wanted: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _within(r_x: float, r_y: float, l_x: float, l_y: float, d_x: float, d_y: float) -> bool:
-    """Whether direction d lies in the cone from r counter-clockwise to l, less than half a turn wide."""
-    return bool(_cross(r_x, r_y, d_x, d_y) >= 0 and _cross(d_x, d_y, l_x, l_y) >= 0)
+    """Whether direction d lies in the cone from r counter-clockwise to l, less than half a turn wide.
+
+    A cone without width, as along a wall, does not hold the direction straight behind it.
+    """
+    ahead = d_x * (r_x + l_x) + d_y * (r_y + l_y) >= 0.0 or _cross(r_x, r_y, l_x, l_y) > 0.0
+    return bool(ahead and _cross(r_x, r_y, d_x, d_y) >= 0 and _cross(d_x, d_y, l_x, l_y) >= 0)
 
 
 @njit(cache=True, nogil=True)
