@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sandwich_sitl.control.horizon import FAILED, SOLVED, Horizon, HorizonTick
-from sandwich_sitl.control.solvers import osqp_dual
+from sandwich_sitl.control.solvers import osqp_dual, working_set
 from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.solvers.osqp_dual import OsqpSolver
 
@@ -37,7 +37,7 @@ def test_what_is_not_proved_is_no_answer_and_leaves_nothing_behind(monkeypatch: 
     hz = horizon()
     solver = OsqpSolver(hz)
     with monkeypatch.context() as patch:
-        patch.setattr(osqp_dual, "dual_active_set", lambda *_: (-1, 0))
+        patch.setattr(working_set, "dual_active_set", lambda *_: (-1, 0))
         assert solver.solve(binding(3)).status == FAILED
     assert first_command_error(hz, solver, binding(3)) < 1e-4
 

@@ -12,23 +12,14 @@ import osqp
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.dual_kernel import dual_active_set
-from sandwich_sitl.control.horizon import (
-    MOTION_PENALTY,
-    QUANTITIES,
-    REGION_PENALTY,
-    SOLVED,
-    Horizon,
-    HorizonAnswer,
-    HorizonTick,
-)
+from sandwich_sitl.control.horizon import QUANTITIES, SOLVED, Horizon, HorizonAnswer, HorizonTick
 from sandwich_sitl.control.solvers.rows_in_play import BESIDE, assemble, gather
+from sandwich_sitl.control.solvers.working_set import WorkingSet
 
 Array = NDArray[np.float64]
 
 _SLOTS = (12, 24, 48)  # of the workspaces; a tick takes the smallest that fits, or the worst rows into the largest
 _ITERATIONS = 25
-_MOST_ROUNDS_A_STEP = 25
 _BINDS = 1e-4  # of the largest multiplier
 
 
@@ -81,18 +72,10 @@ class OsqpSolver:
     def __init__(self, horizon: Horizon) -> None:
         self._horizon = horizon
         n, axes = horizon.n_tau, horizon.axes
-        self._edges = np.zeros((4, 8, axes))
-        self._edge_count = np.zeros(4, dtype=np.int64)
-        for k, normals in enumerate(horizon.edges):
-            self._edges[k, : len(normals)] = normals
-            self._edge_count[k] = len(normals) if horizon.bounded[k] else 0
-        self._rho = np.array([REGION_PENALTY, MOTION_PENALTY])
+        self._set = WorkingSet(horizon)
         self._known, self._merit = np.zeros((2, QUANTITIES, n, max(8, horizon.faces)))
         self._in_play, self._target = np.zeros((_SLOTS[-1], 3), dtype=np.int64), np.empty(_SLOTS[-1])
         self._workspaces = tuple(_Workspace(slots) for slots in _SLOTS)
-        self._rows, self._multipliers = np.full((6 * n, 3), -1, dtype=np.int64), np.zeros(6 * n)
-        self._opened = np.zeros(2 * n, dtype=np.int64)
-        self._shares = np.empty((QUANTITIES * n, axes))
         aside = HorizonTick(
             np.zeros((4, axes)), np.ones((n, axes)), np.ones((n, horizon.faces, axes)), np.zeros((n, horizon.faces))
         )
@@ -107,7 +90,7 @@ class OsqpSolver:
             return hz.failed()
         normals = np.ascontiguousarray(tick.normals)
         count = gather(
-            free, hz.table, normals, tick.offsets, self._edges, self._edge_count,
+            free, hz.table, normals, tick.offsets, self._set.edges, self._set.edge_count,
             self._known, self._merit, self._in_play, self._target,
         )  # fmt: skip
         if count == 0:
@@ -115,27 +98,21 @@ class OsqpSolver:
         multipliers = self._ask_osqp(normals, count)
         self._known[:] = 0.0
         self._start_kernel(multipliers, count)
-        rounds, working = self._prove(free, normals, tick.offsets)
+        rounds, working = self._set.solve(free, normals, tick.offsets)
         if rounds < 0:  # the set found may hold rows that say the same: without any, the kernel chooses its own
-            self._rows[:, 0], self._opened[:] = -1, 0
-            rounds, working = self._prove(free, normals, tick.offsets)
+            self._set.forget()
+            rounds, working = self._set.solve(free, normals, tick.offsets)
         if rounds < 0:
             return hz.failed(-rounds)
-        k, h, f = self._rows[:working].T
-        self._known[k, h, f] = self._multipliers[:working]
-        return hz.answer(self._shares, tick, SOLVED, rounds)
-
-    def _prove(self, free: Array, normals: Array, offsets: Array) -> tuple[int, int]:
-        return dual_active_set(
-            free, self._horizon.table, normals, offsets, self._edges, self._edge_count, self._rho,
-            self._rows, self._multipliers, self._opened, _MOST_ROUNDS_A_STEP * self._horizon.n_tau, self._shares,
-        )  # fmt: skip
+        k, h, f = self._set.rows[:working].T
+        self._known[k, h, f] = self._set.multipliers[:working]
+        return hz.answer(self._set.shares, tick, SOLVED, rounds)
 
     def _ask_osqp(self, normals: Array, count: int) -> Array:
         """OSQP's multipliers (count,) of the rows in play."""
         space = next(space for space, slots in zip(self._workspaces, _SLOTS, strict=True) if count <= slots)
         assemble(
-            self._horizon.table, normals, self._edges, self._rho, self._in_play, self._target, count,
+            self._horizon.table, normals, self._set.edges, self._set.rho, self._in_play, self._target, count,
             space.quadratic, space.linear, space.band, space.high, space.scale,
         )  # fmt: skip
         k, h, f = self._in_play[:count].T
@@ -143,17 +120,17 @@ class OsqpSolver:
 
     def _start_kernel(self, multipliers: Array, count: int) -> None:
         """Working set and multipliers where the kernel begins: OSQP's rows that bind."""
-        rho_1, n = self._rho[:, 0], self._horizon.n_tau
+        rho_1, n = self._set.rho[:, 0], self._horizon.n_tau
         binds = np.flatnonzero(multipliers > _BINDS * max(1.0, float(multipliers.max())))
         rows = self._in_play[:count][binds]
         size = len(binds)
-        self._rows[:size], self._rows[size:, 0] = rows, -1
-        self._multipliers[:size] = multipliers[binds]
+        self._set.rows[:size], self._set.rows[size:, 0] = rows, -1
+        self._set.multipliers[:size] = multipliers[binds]
         quantity, step = rows[:, 0], rows[:, 1]
         soft = np.flatnonzero(quantity < 4)
         group = np.where(quantity == 0, step, n + step)[soft]
         total = np.bincount(group, multipliers[binds][soft], 2 * n)
         limit = np.repeat(rho_1, n)
-        self._opened[:] = total > limit * (1 + 1e-6)
-        over = np.where(self._opened, 1.0, np.minimum(1.0, limit / np.maximum(total, 1e-12)))
-        self._multipliers[soft] *= over[group]
+        self._set.opened[:] = total > limit * (1 + 1e-6)
+        over = np.where(self._set.opened, 1.0, np.minimum(1.0, limit / np.maximum(total, 1e-12)))
+        self._set.multipliers[soft] *= over[group]
