@@ -77,7 +77,8 @@ class Tracker:
         self.estimator = VehicleEstimator(config.tracking, self._period_s, 0.0, self.command)
         self._stop = standing(self.command, mpc.step_s)
         self._stop_began_s = 0.0
-        self._stop_sigma: Callable[[Array], Array] = self.clock.ahead
+        begins_s = self._when_at(r_m[2])
+        self._stop_sigma: Callable[[Array], Array] = lambda progress: np.full_like(progress, begins_s)  # it waits too
         self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
         self._last_s = -self._period_s
 

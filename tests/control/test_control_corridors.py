@@ -86,10 +86,10 @@ def _rest_of_the_plan(
 
 
 def test_forty_random_corridors() -> None:
-    rungs = [fly_random(seed) for seed in range(40)]
+    rungs = [fly_random(seed) for seed in [*range(40), 126]]  # 126: even the first plan is refused
     assert any(Rung.SHIFTED in seen for seen in rungs)
     assert any(Rung.BRAKE in seen for seen in rungs)
-    assert Rung.BRAKE not in set().union(*(seen for seed, seen in enumerate(rungs) if seed % 3))
+    assert Rung.BRAKE not in set().union(*(seen for seed, seen in enumerate(rungs[:40]) if seed % 3))
 
 
 @pytest.mark.slow
