@@ -70,8 +70,12 @@ def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
 
 
 def mitred(geometry: BaseGeometry, distance_m: float) -> BaseGeometry:
-    """The geometry grown (or shrunk) by a distance, corners mitred up to `_MITRE_LIMIT` distances."""
-    return geometry.buffer(distance_m, join_style="mitre", mitre_limit=_MITRE_LIMIT)
+    """The geometry grown (or shrunk) by a distance, corners mitred up to `_MITRE_LIMIT` distances.
+
+    GEOS now and then leaves a ring that touches itself, which no later step would take.
+    """
+    moved = geometry.buffer(distance_m, join_style="mitre", mitre_limit=_MITRE_LIMIT)
+    return moved if moved.is_valid else shapely.make_valid(moved, method="structure", keep_collapsed=False)
 
 
 def _without_border_slivers(obstacles: BaseGeometry, frame: Polygon, width_m: float) -> BaseGeometry:
