@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.bench.child import ChildFailedError, in_child
 from sandwich_sitl.bench.map_worlds import BenchWorld
+from sandwich_sitl.bench.ompl_plane import plane
 
 Array = NDArray[np.float64]
 
@@ -99,13 +100,7 @@ def roadmap(world: BenchWorld) -> tuple[float, str]:
     ompl_util.RNG.setSeed(_SEED)
     ground = world.free_ground()
     shapely.prepare(ground)
-    x_min, y_min, x_max, y_max = world.grown.bounds_m
-    space = base.RealVectorStateSpace(2)
-    bounds = base.RealVectorBounds(2)
-    for axis, (low, high) in enumerate(((x_min, x_max), (y_min, y_max))):
-        bounds.setLow(axis, low)
-        bounds.setHigh(axis, high)
-    space.setBounds(bounds)
+    space = plane(world.grown.bounds_m)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda state: bool(shapely.contains_xy(ground, state[0], state[1])))
     information.setStateValidityCheckingResolution(world.cell_m(10_000) / space.getMaximumExtent())

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sandwich_sitl.bench.ompl_plane import plane
 from sandwich_sitl.planning.baselines import VisibilityGraph, path_points
 from sandwich_sitl.planning.free_space import FreeSpace
 from sandwich_sitl.planning.funnel import pulled_tight
@@ -122,20 +123,14 @@ def _pyastar2d(grown: GrownWorld, nodes: int) -> Query | None:
 
 def _ompl(grown: GrownWorld, _: int, planner: str, seconds: float) -> Query | None:
     """A planner of OMPL for some seconds a query, its motions tested with shapely."""
-    from ompl import base, geometric, util
+    from ompl import geometric, util
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    x_min, y_min, x_max, y_max = grown.bounds_m
     solid = shapely.union_all(list(grown.polygons))
     shapely.prepare(solid)
 
     def query(start: Array, goal: Array) -> Array | None:
-        space = base.RealVectorStateSpace(2)
-        bounds = base.RealVectorBounds(2)
-        for axis, (low, high) in enumerate(((x_min, x_max), (y_min, y_max))):
-            bounds.setLow(axis, low)
-            bounds.setHigh(axis, high)
-        space.setBounds(bounds)
+        space = plane(grown.bounds_m)
         setup = geometric.SimpleSetup(space)
         setup.setStateValidityChecker(lambda state: not shapely.contains_xy(solid, state[0], state[1]))
         setup.getSpaceInformation().setStateValidityCheckingResolution(0.002)

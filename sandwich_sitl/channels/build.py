@@ -33,7 +33,7 @@ from sandwich_sitl.channels.quality import measure
 from sandwich_sitl.channels.stations import lay_stations
 from sandwich_sitl.channels.stretches import Sound, without_folds
 from sandwich_sitl.channels.untangle import untangle
-from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.grow import GrownWorld, snapped
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,6 @@ _THREADS = 2
 _BLOCK = 4  # intervals across a channel come in multiples of this, those along it of twice this: multigrid halves them
 _THIN = 0.04  # of a cell: a pocket that is nowhere twice as wide, and no passage, is left out
 _SAME = 1e-9  # of the extent: nodes closer than this are one
-_SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 
 
 def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flow = "x") -> ChannelMap:
@@ -52,7 +51,7 @@ def build_channel_map(grown: GrownWorld, cell_m: float, min_rows: int, flow: Flo
 
     Where a barrier reaches across the flow from border to border no channel passes, and all ground is mapped as bays.
     """
-    grown = _snapped(grown)
+    grown = snapped(grown)
     world = turned_world(grown, flow)
     x_min, y_min, x_max, y_max = world.bounds_m
     barriers, bays, lost = _barriers(world, cell_m)
@@ -114,20 +113,6 @@ def _without_channels(world: GrownWorld, cell_m: float, flow: Flow) -> ChannelMa
 
 def _rounded(intervals: int, multiple: int) -> int:
     return -(-intervals // multiple) * multiple
-
-
-def _snapped(grown: GrownWorld) -> GrownWorld:
-    """Coordinates within rounding of a border lie on it exactly."""
-    x_min, y_min, x_max, y_max = grown.bounds_m
-    tolerance = _SNAP * max(x_max - x_min, y_max - y_min)
-
-    def snap(points: Array) -> Array:
-        points = points.copy()
-        for axis, value in ((0, x_min), (1, y_min), (0, x_max), (1, y_max)):
-            points[np.abs(points[:, axis] - value) < tolerance, axis] = value
-        return points
-
-    return replace(grown, polygons=tuple(shapely.transform(polygon, snap) for polygon in grown.polygons))
 
 
 def _barriers(world: GrownWorld, cell_m: float) -> tuple[tuple[Barrier, ...], tuple[Bay, ...], tuple[LostGround, ...]]:

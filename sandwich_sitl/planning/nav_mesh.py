@@ -15,12 +15,11 @@ import shapely
 from numpy.typing import NDArray
 
 from sandwich_sitl.planning.cell_index import CellIndex, rows_of
-from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.grow import GrownWorld, snapped
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 _FLAT = 1e-9  # sine of a turn that does not count
 
 
@@ -67,16 +66,7 @@ def build_nav_mesh(grown: GrownWorld) -> NavMesh:
 
 def _outlines(grown: GrownWorld) -> tuple[Array, Ints]:
     """Vertices and wall edges of the free ground."""
-    x_min, y_min, x_max, y_max = grown.bounds_m
-    tolerance = _SNAP * max(x_max - x_min, y_max - y_min)
-
-    def snap(points: Array) -> Array:
-        points = points.copy()
-        for axis, value in ((0, x_min), (1, y_min), (0, x_max), (1, y_max)):
-            points[np.abs(points[:, axis] - value) < tolerance, axis] = value
-        return points
-
-    solid = shapely.union_all([shapely.transform(polygon, snap) for polygon in grown.polygons])
+    solid = shapely.union_all(list(snapped(grown).polygons))
     free = shapely.difference(shapely.box(*grown.bounds_m), solid)
     rings = [
         shapely.get_coordinates(ring)[:-1]

@@ -5,6 +5,7 @@ distance of (x, y, z) to a prism of height h is  sqrt(d(x, y)^2 + max(z - h, 0)^
 """
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -20,22 +21,26 @@ class Prisms:
     """Obstacles with outlines (V, 2) and heights (n,); an infinite height reaches every altitude."""
 
     def __init__(self, rings_m: Sequence[Array], heights_m: Array) -> None:
-        self._rings_m, self._all_heights_m = tuple(rings_m), heights_m
         polygons: Any = np.array([shapely.Polygon(ring) for ring in rings_m], dtype=object)
-        self.heights_m = np.unique(heights_m)
-        self._outlines = [shapely.union_all(polygons[heights_m == height]) for height in self.heights_m]
-        for outline in self._outlines:
+        self._outlines = {
+            height: shapely.union_all(polygons[heights_m == height]) for height in np.unique(heights_m).tolist()
+        }
+        for outline in self._outlines.values():
             shapely.prepare(outline)
 
     def joined_by(self, ring_m: Array, height_m: float) -> "Prisms":
         """These and one more."""
-        return Prisms([*self._rings_m, ring_m], np.append(self._all_heights_m, height_m))
+        joined = copy(self)
+        outline = shapely.union(self._outlines.get(height_m, shapely.Polygon()), shapely.Polygon(ring_m))
+        shapely.prepare(outline)
+        joined._outlines = {**self._outlines, height_m: outline}
+        return joined
 
     def distance_m(self, points: Array) -> Array:
         """Distance (n,) of points (n, 3) to the nearest prism, 0 inside, infinite where there is none."""
         least = np.full(len(points), np.inf)
         at = shapely.points(points[:, :2])
-        for height, outline in zip(self.heights_m.tolist(), self._outlines, strict=True):
+        for height, outline in self._outlines.items():
             over = np.maximum(points[:, 2] - height, 0.0)
             least = np.minimum(least, np.hypot(shapely.distance(outline, at), over))
         return least
@@ -48,7 +53,7 @@ class Prisms:
         least = np.inf
         line = shapely.LineString(path[:, :2]) if len(path) > 1 else shapely.Point(path[0, :2])
         closely: Array | None = None
-        for height, outline in zip(self.heights_m.tolist(), self._outlines, strict=True):
+        for height, outline in self._outlines.items():
             flat = float(shapely.distance(outline, line))
             if flat >= least or np.isinf(height):
                 least = min(least, flat)

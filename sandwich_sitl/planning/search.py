@@ -99,7 +99,7 @@ def astar(graph: Graph, start_links: Links, goal: Array, goal_links: Links) -> F
         graph.xy_m, graph.first, graph.neighbour, graph.length_m, graph.bucket_m, graph.longest_m,
         *_columns(start_links), *_columns(goal_links), float(goal[0]), float(goal[1]), True,
     )  # fmt: skip
-    return FoundPath(_trace(came, last).tolist(), float(length)) if last >= 0 else None
+    return FoundPath(trace(came, last).tolist(), float(length)) if last >= 0 else None
 
 
 def distances_to(graph: Graph, start_links: Links, goals: Sequence[Links]) -> Array:
@@ -221,7 +221,7 @@ def _search(
 
 
 @njit(cache=True, nogil=True)
-def _trace(came: NDArray[np.int32], last: int) -> Ints:
+def trace(came: NDArray[np.signedinteger], last: int) -> Ints:
     """Nodes from the first to `last`."""
     count, node = 0, last
     while node >= 0:

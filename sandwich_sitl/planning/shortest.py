@@ -16,7 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sandwich_sitl.planning.heap import doubled, pop, push
 from sandwich_sitl.planning.nav_mesh import NavMesh
+from sandwich_sitl.planning.search import trace
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -155,21 +157,21 @@ def _search(
                     continue
                 best[v], came[v] = through, root
                 if waiting == len(heap_cost):
-                    heap_cost, heap_node = _doubled(heap_cost), _doubled(heap_node)
-                _push(heap_cost, heap_node, waiting, total, v)
+                    heap_cost, heap_node = doubled(heap_cost), doubled(heap_node)
+                push(heap_cost, heap_node, waiting, total, v)
                 waiting += 1
         root = -1
         while waiting > 0 and root < 0:
             total, v = heap_cost[0], heap_node[0]
             waiting -= 1
-            _pop(heap_cost, heap_node, waiting)
+            pop(heap_cost, heap_node, waiting)
             ahead = np.sqrt((xy[v, 0] - goal[0]) ** 2 + (xy[v, 1] - goal[1]) ** 2)
             if total <= best[v] + ahead:
                 root = v
         if root < 0 or total >= goal_cost:
-            return _back(came, goal_from), goal_cost, True
+            return trace(came, goal_from), goal_cost, True
         if 0 <= most_cones < cones:
-            return _back(came, goal_from), goal_cost, False
+            return trace(came, goal_from), goal_cost, False
 
 
 @njit(cache=True, nogil=True)
@@ -303,50 +305,3 @@ def _into(
     stack.side[slot, 0], stack.side[slot, 1] = other, side
     stack.cone[slot, 0], stack.cone[slot, 1] = r_x, r_y
     stack.cone[slot, 2], stack.cone[slot, 3] = l_x, l_y
-
-
-@njit(cache=True, nogil=True)
-def _push(cost: Array, node: Ints, size: int, c: float, v: int) -> None:
-    """Add to a binary heap of `size` entries."""
-    k = size
-    while k > 0 and cost[(k - 1) // 2] > c:
-        cost[k], node[k] = cost[(k - 1) // 2], node[(k - 1) // 2]
-        k = (k - 1) // 2
-    cost[k], node[k] = c, v
-
-
-@njit(cache=True, nogil=True)
-def _pop(cost: Array, node: Ints, size: int) -> None:
-    """Take the first entry away; `size` are left."""
-    c, v = cost[size], node[size]
-    k = 0
-    while 2 * k + 1 < size:
-        child = 2 * k + 1
-        if child + 1 < size and cost[child + 1] < cost[child]:
-            child += 1
-        if cost[child] >= c:
-            break
-        cost[k], node[k] = cost[child], node[child]
-        k = child
-    cost[k], node[k] = c, v
-
-
-@njit(cache=True, nogil=True)
-def _doubled(values):  # type: ignore[no-untyped-def]
-    longer = np.empty(2 * len(values), dtype=values.dtype)
-    longer[: len(values)] = values
-    return longer
-
-
-@njit(cache=True, nogil=True)
-def _back(came: Ints, last: int) -> Ints:
-    """Vertices from the first to `last`."""
-    count, v = 0, last
-    while v >= 0:
-        count, v = count + 1, came[v]
-    path = np.empty(count, dtype=np.int64)
-    v = last
-    for k in range(count - 1, -1, -1):
-        path[k] = v
-        v = came[v]
-    return path

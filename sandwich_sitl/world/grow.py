@@ -6,7 +6,7 @@ touch are united; ground that they enclose cannot be reached and is filled.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -20,6 +20,7 @@ from sandwich_sitl.world.world import World
 
 _MITRE_LIMIT = 1.5
 _SHORTEST_EDGE_M = 0.001  # shorter ones, left over from uniting shapes, are smoothed away; paid for by growing more
+_SNAP = 1e-7  # of the extent: coordinates this near the border lie on it
 _SEAL_M = 0.005  # gaps narrower than twice this between grown shapes are closed: they are thinner than any grid cell
 
 
@@ -67,6 +68,20 @@ def grow(world: World, distance_m: float, detail_m: float) -> GrownWorld:
         polygons=tuple(parts),
         names=tuple(_names(part, world, shapes) for part in parts),
     )
+
+
+def snapped(grown: GrownWorld) -> GrownWorld:
+    """Coordinates within rounding of a border lie on it exactly."""
+    x_min, y_min, x_max, y_max = grown.bounds_m
+    tolerance = _SNAP * max(x_max - x_min, y_max - y_min)
+
+    def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        points = points.copy()
+        for axis, value in ((0, x_min), (1, y_min), (0, x_max), (1, y_max)):
+            points[np.abs(points[:, axis] - value) < tolerance, axis] = value
+        return points
+
+    return replace(grown, polygons=tuple(shapely.transform(polygon, snap) for polygon in grown.polygons))
 
 
 def mitred(geometry: BaseGeometry, distance_m: float) -> BaseGeometry:

@@ -11,10 +11,11 @@ from scipy.optimize import minimize
 from world_samples import BOUNDS, grown_world, random_shapes
 
 from sandwich_sitl.channels.boundary import along_arc, columns_needed, integer_columns, spread_nodes
-from sandwich_sitl.channels.build import _barriers, _snapped
+from sandwich_sitl.channels.build import _barriers
 from sandwich_sitl.channels.classify import classify
 from sandwich_sitl.channels.dividers import Piece, lay_dividers
 from sandwich_sitl.channels.stations import Stations, lay_stations
+from sandwich_sitl.world.grow import snapped
 
 CELL_M = 1.5
 
@@ -72,7 +73,7 @@ def test_integer_columns_are_nearest_to_the_wishes(seed: int) -> None:
 
 def laid(seed: int) -> tuple[tuple[tuple[Piece, ...], ...], Stations]:
     """Dividing streamlines and stations of the seed's world, as the map lays them."""
-    grown = _snapped(grown_world(*random_shapes(seed)))
+    grown = snapped(grown_world(*random_shapes(seed)))
     barriers, _, _ = _barriers(grown, CELL_M)
     dividers = lay_dividers(classify(barriers, BOUNDS[1], BOUNDS[3], CELL_M), BOUNDS, CELL_M)
     return dividers, lay_stations([shapely.Polygon(barrier.ring_m) for barrier in barriers], BOUNDS)

@@ -12,11 +12,11 @@ from shapely import LineString, Point, Polygon, box
 from world_samples import BOUNDS, QUICK, grown_world, random_shapes, sample_world
 
 from sandwich_sitl.channels.barrier import Barrier
-from sandwich_sitl.channels.build import _barriers, _snapped
+from sandwich_sitl.channels.build import _barriers
 from sandwich_sitl.channels.classify import Classification, classify
 from sandwich_sitl.channels.dividers import Piece, lay_dividers
 from sandwich_sitl.channels.thinning import thinned
-from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.grow import GrownWorld, snapped
 
 CELL_M = 1.5
 SEEDS = [3, 6, 8, 11, 12, 14, 17, 18, 19, 20, 22, 24, 25]
@@ -30,9 +30,9 @@ WORLDS = [*SEEDS, *HAND_MADE, "horseshoes", "nested", "over_border", "border_wal
 @functools.cache
 def classified(world: int | str) -> tuple[GrownWorld, tuple[Barrier, ...], Classification]:
     if isinstance(world, int):
-        return of_world(_snapped(grown_world(*random_shapes(world))))
+        return of_world(snapped(grown_world(*random_shapes(world))))
     grown = grown_world(*HAND_MADE[world]) if world in HAND_MADE else sample_world(QUICK[world]).grown
-    return of_world(_snapped(grown))
+    return of_world(snapped(grown))
 
 
 def of_world(grown: GrownWorld) -> tuple[GrownWorld, tuple[Barrier, ...], Classification]:

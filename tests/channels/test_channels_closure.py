@@ -9,16 +9,15 @@ import shapely
 from shapely import LineString, Polygon, box
 from world_samples import BOUNDS, QUICK, WIDE, grown_world, horseshoe, sample_world
 
-from sandwich_sitl.channels.build import _snapped
 from sandwich_sitl.channels.closure import Closure, close_world, with_vertices
 from sandwich_sitl.channels.outline import Outline, outline_of
-from sandwich_sitl.world.grow import GrownWorld
+from sandwich_sitl.world.grow import GrownWorld, snapped
 
 HAIR_M = 1e-6
 
 
 def closed(grown: GrownWorld) -> tuple[Closure, ...]:
-    return close_world(_snapped(grown).rings_m(), grown.bounds_m)
+    return close_world(snapped(grown).rings_m(), grown.bounds_m)
 
 
 @functools.cache

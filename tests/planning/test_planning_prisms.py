@@ -41,6 +41,19 @@ def test_without_a_top_it_is_the_distance_in_plan() -> None:
     assert Prisms((), np.empty(0)).distance_m(points).min() == np.inf
 
 
+@pytest.mark.parametrize("height_m", [2.0, 9.0])
+def test_one_that_joins_counts_as_if_it_had_been_there(height_m: float) -> None:
+    points = np.random.default_rng(3).uniform((-4, -4, 0), (18, 9, 12), (50, 3))
+    ring, before = np.array([[3.0, 2], [7, 2], [7, 6]]), Prisms(RINGS, HEIGHTS)
+    alone = before.distance_m(points)
+    joined = before.joined_by(ring, height_m).distance_m(points)
+    np.testing.assert_allclose(
+        joined, Prisms([*RINGS, ring], np.append(HEIGHTS, height_m)).distance_m(points), atol=1e-12
+    )
+    assert (joined < alone).any()
+    np.testing.assert_array_equal(before.distance_m(points), alone)
+
+
 def test_a_path_is_as_near_as_its_nearest_point() -> None:
     prisms = Prisms(RINGS, HEIGHTS)
     over = np.array([[-3.0, 1.5, 2.5], [8.0, 1.5, 3.5]])
