@@ -66,8 +66,10 @@ class MpcConfig:
     step_s: Positive = 0.1
     bandwidth_radps: Annotated[float, Field(gt=0, description="omega; the paper's beta is omega^8")] = 8.0
     solver: Annotated[
-        Literal["osqp", "active_set", "daqp", "piqp", "clarabel"],
-        Field(description="active_set is the own exact one; daqp and clarabel need the extra `solvers`"),
+        Literal["osqp", "active_set", "daqp", "piqp", "clarabel", "hpipm"],
+        Field(
+            description="active_set is the own exact one; daqp, clarabel (extra `solvers`) and hpipm (extra `hpipm`) are optional"
+        ),
     ] = "osqp"
     speed_mps: Annotated[float, Field(gt=0, description="horizontal speed the plan keeps to")] = 12.0
     climb_mps: Annotated[float, Field(gt=0, description="vertical speed the plan keeps to")] = 3.0

@@ -15,7 +15,9 @@ _PLACES = {
     "daqp": ("daqp_dense", "DaqpSolver"),
     "piqp": ("piqp_sparse", "PiqpSolver"),
     "clarabel": ("clarabel_sparse", "ClarabelSolver"),
+    "hpipm": ("hpipm_stages", "HpipmSolver"),
 }
+_EXTRAS = {"daqp": "solvers", "clarabel": "solvers", "hpipm": "hpipm"}
 NAMES = tuple(_PLACES)
 
 
@@ -26,7 +28,8 @@ def bare_solver(name: str, horizon: Horizon) -> HorizonSolver:
         place = import_module(f"sandwich_sitl.control.solvers.{module}")
     except ModuleNotFoundError as error:
         raise InputError(
-            f"mpc.solver: {name} needs the package '{error.name}'; install sandwich-sitl[solvers] or choose osqp"
+            f"mpc.solver: {name} needs the package '{error.name}'; "
+            f"install sandwich-sitl[{_EXTRAS.get(name, 'solvers')}] or choose osqp"
         ) from error
     solver: HorizonSolver = getattr(place, kind)(horizon)
     return solver
