@@ -1,14 +1,20 @@
 """OSQP's part and the kernel's part of the default solver, each tried without the other."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
-from sandwich_sitl.control.horizon import FAILED, SOLVED, Horizon, HorizonTick
+from sandwich_sitl.bench import ticks
+from sandwich_sitl.control.horizon import FAILED, SOLVED, Horizon, HorizonTick, MotionLimits
 from sandwich_sitl.control.solvers import osqp_dual, working_set
 from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.solvers.osqp_dual import OsqpSolver
+from sandwich_sitl.control.solvers.piqp_sparse import PiqpSolver
 
 from .problems import horizon, inside_problem
+
+PIQP_TOLERANCE = 1e-4
 
 
 def binding(seed: int) -> HorizonTick:
@@ -33,13 +39,31 @@ def test_the_first_command_is_within_a_percent_of_the_optimum(
         assert first_command_error(hz, solver, binding(seed)) < 1e-4
 
 
-def test_what_is_not_proved_is_no_answer_and_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    hz = horizon()
-    solver = OsqpSolver(hz)
+def test_without_a_proof_piqp_is_asked_and_without_its_answer_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    hz, tick = horizon(), binding(3)
+    solver, least = OsqpSolver(hz), hz.cost(ActiveSetSolver(hz).solve(tick).snap, tick)
     with monkeypatch.context() as patch:
         patch.setattr(working_set, "dual_active_set", lambda *_: (-1, 0))
-        assert solver.solve(binding(3)).status == FAILED
-    assert first_command_error(hz, solver, binding(3)) < 1e-4
+        assert hz.cost(solver.solve(tick).snap, tick) <= least + PIQP_TOLERANCE * max(1.0, least)
+        patch.setattr(PiqpSolver, "solve", lambda *_: hz.failed())
+        assert solver.solve(tick).status == FAILED
+    assert first_command_error(hz, solver, tick) < 1e-4
+
+
+def test_ticks_that_no_plan_mends_get_the_least_violation_after_few_rounds() -> None:
+    """Pushed 1.5 m out of narrow regions every fourth tick: the kernel would go on for ten rounds a step and more."""
+    sequence = ticks.pushed_out(ticks.narrow(ticks.stored()[1]))
+    hz = Horizon(20, 0.1, "zoh", 8.0, 2, 8, MotionLimits(12.0, 3.2, 40.0, 600.0))
+    solver, exact = OsqpSolver(hz), ActiveSetSolver(hz)
+    rounds, longest = [], 0
+    for tick in islice(sequence.problems(20, 0.1), 60):
+        answer, best = solver.solve(tick), exact.solve(tick)
+        rounds.append(answer.iterations)
+        longest = max(longest, best.iterations)
+        least = hz.cost(best.snap, tick)
+        assert hz.cost(answer.snap, tick) <= least + PIQP_TOLERANCE * max(1.0, least)
+    assert longest > 4 * 20
+    assert max(rounds) <= 2 * 20
 
 
 def test_the_proof_does_not_depend_on_what_osqp_finds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,8 @@ import numpy as np
 from sandwich_sitl.control.horizon import SOLVED, Horizon, HorizonAnswer, HorizonTick
 from sandwich_sitl.control.solvers.working_set import WorkingSet
 
+_MOST_ROUNDS_A_STEP = 25  # a tick from flight takes one or two in all, one that no plan can mend up to 13 a step
+
 
 class ActiveSetSolver:
     """Working set and multipliers of the last tick; compiled (or loaded from the cache) when it is built."""
@@ -23,7 +25,8 @@ class ActiveSetSolver:
         free = self._horizon.free(tick)
         if not self._horizon.sane(tick, free):
             return self._horizon.failed()
-        rounds, working = self._set.solve(free, np.ascontiguousarray(tick.normals), tick.offsets)
+        most = _MOST_ROUNDS_A_STEP * self._horizon.n_tau
+        rounds, working = self._set.solve(free, np.ascontiguousarray(tick.normals), tick.offsets, most)
         if rounds < 0:
             self._set.forget()
             return self._horizon.failed(-rounds)

@@ -3,8 +3,10 @@
 OSQP solves the dual over the rows in play (`rows_in_play`), warm from tick to tick, for a fixed number of iterations: a
 first-order method is good at telling which multipliers are not zero and slow at their last digits. The kernel
 (`dual_kernel`) starts from that set: its first factorisation gives the digits, and its look at every row of the problem
-is the proof. Where OSQP's set is not yet the right one the kernel goes on from it. What is not proved is no answer: the
-last accepted plan is flown on then (`assurance`).
+is the proof. Where OSQP's set is not yet the right one the kernel goes on from it. A tick that no plan can mend has so
+many rows that bind that the kernel would take longer than an interior point, whose time hardly depends on them: after
+two rounds a step PIQP is asked instead. No answer of its either is none, and the last accepted plan is flown on
+(`assurance`).
 """
 
 import numpy as np
@@ -13,6 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sandwich_sitl.control.horizon import QUANTITIES, SOLVED, Horizon, HorizonAnswer, HorizonTick
+from sandwich_sitl.control.solvers.piqp_sparse import PiqpSolver
 from sandwich_sitl.control.solvers.rows_in_play import BESIDE, assemble, gather
 from sandwich_sitl.control.solvers.working_set import WorkingSet
 
@@ -21,6 +24,7 @@ Array = NDArray[np.float64]
 _SLOTS = (12, 24, 48)  # of the workspaces; a tick takes the smallest that fits, or the worst rows into the largest
 _ITERATIONS = 25
 _BINDS = 1e-4  # of the largest multiplier
+_MOST_ROUNDS_A_STEP = 2
 
 
 class _Workspace:
@@ -76,6 +80,7 @@ class OsqpSolver:
         self._known, self._merit = np.zeros((2, QUANTITIES, n, max(8, horizon.faces)))
         self._in_play, self._target = np.zeros((_SLOTS[-1], 3), dtype=np.int64), np.empty(_SLOTS[-1])
         self._workspaces = tuple(_Workspace(slots) for slots in _SLOTS)
+        self._interior_point = PiqpSolver(horizon)
         aside = HorizonTick(
             np.zeros((4, axes)), np.ones((n, axes)), np.ones((n, horizon.faces, axes)), np.zeros((n, horizon.faces))
         )
@@ -83,7 +88,7 @@ class OsqpSolver:
         self._known[:] = 0.0
 
     def solve(self, tick: HorizonTick) -> HorizonAnswer:
-        """The exact answer, to 1e-8 m."""
+        """The exact answer, to 1e-8 m; PIQP's where the kernel gave up."""
         hz = self._horizon
         free = hz.free(tick)
         if not hz.sane(tick, free):
@@ -98,12 +103,9 @@ class OsqpSolver:
         multipliers = self._ask_osqp(normals, count)
         self._known[:] = 0.0
         self._start_kernel(multipliers, count)
-        rounds, working = self._set.solve(free, normals, tick.offsets)
-        if rounds < 0:  # the set found may hold rows that say the same: without any, the kernel chooses its own
-            self._set.forget()
-            rounds, working = self._set.solve(free, normals, tick.offsets)
+        rounds, working = self._set.solve(free, normals, tick.offsets, _MOST_ROUNDS_A_STEP * hz.n_tau)
         if rounds < 0:
-            return hz.failed(-rounds)
+            return self._interior_point.solve(tick)
         k, h, f = self._set.rows[:working].T
         self._known[k, h, f] = self._set.multipliers[:working]
         return hz.answer(self._set.shares, tick, SOLVED, rounds)

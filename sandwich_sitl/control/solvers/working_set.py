@@ -8,8 +8,6 @@ from sandwich_sitl.control.horizon import MOTION_PENALTY, QUANTITIES, REGION_PEN
 
 Array = NDArray[np.float64]
 
-_MOST_ROUNDS_A_STEP = 25  # a tick from flight takes one or two in all, one that no plan can mend a few a step
-
 
 class WorkingSet:
     """Rows (6 n, 3) = quantity, step, face with their multipliers, and the slack groups (2 n,) that are open.
@@ -36,9 +34,9 @@ class WorkingSet:
         """Begin from no row the next time."""
         self.rows[:, 0], self.opened[:] = -1, 0
 
-    def solve(self, free: Array, normals: Array, offsets: Array) -> tuple[int, int]:
+    def solve(self, free: Array, normals: Array, offsets: Array, most_rounds: int) -> tuple[int, int]:
         """Rounds and working rows, from the set at hand; fewer rounds than none: not solved in so many."""
         return dual_active_set(
             free, self._horizon.table, normals, offsets, self.edges, self.edge_count, self.rho,
-            self.rows, self.multipliers, self.opened, _MOST_ROUNDS_A_STEP * self._horizon.n_tau, self.shares,
+            self.rows, self.multipliers, self.opened, most_rounds, self.shares,
         )  # fmt: skip
