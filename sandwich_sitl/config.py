@@ -108,7 +108,9 @@ class MissionConfig:
     ready_timeout_s: Positive = 60.0
     prime_s: Positive = 1.0
     request_timeout_s: Positive = 5.0
-    land_timeout_s: Positive = 60.0
+    land_timeout_s: Annotated[
+        float, Field(gt=0, description="to land, beyond the time that sinking at 0.5 m/s takes")
+    ] = 60.0
     brake_mps2: Positive = 3.0
     hold_s: Annotated[
         float, Field(gt=0, description="how long a vehicle that lost its plan waits in the air for a request to land")

@@ -94,7 +94,10 @@ class _Loop:
         self._config, self._plan = config, plan
         self._recorder, self._on_state = observers.recorder, observers.on_state
         self._stop_requests = stop_requests
-        self._mission = Mission(config.mission, config.start_m, config.altitude_m, float(plan.reference.t_s[-1]))
+        route = plan.reference
+        self._mission = Mission(
+            config.mission, config.start_m, config.altitude_m, float(route.t_s[-1]), float(route.xyz_m[:, 2].max())
+        )
         self._pilot = Pilot(config, plan.reference, plan.corridor, make_solver)
         self._obstacles = Prisms(plan.obstacles_m, plan.blocking_heights_m)
         self._watch = ObstacleWatch(config, plan, observers.obstacle_reports)

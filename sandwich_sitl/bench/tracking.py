@@ -135,17 +135,26 @@ def fly_all(
     work: Path,
     on_flight: Callable[[Flown], None],
     planners: Mapping[str, Planner] | None = None,
+    scene: Callable[[int], Mapping[str, Any]] | None = None,
 ) -> list[Flown]:
     """Every condition with every seed; logs are overwritten one by one in the directory `work`.
 
-    `planners` has the conditions whose plan is not what the configuration asks for.
+    `planners` has the conditions whose plan is not what the configuration asks for; `scene` gives a seed's own world.
     """
     flights = []
     for condition, changes in conditions.items():
         for seed in seeds:
+            own = scene(seed) if scene else {}
             config = load_config(
                 config_path,
-                {"link.uri": "udpin://127.0.0.1:0", "zenoh.enabled": False, **overrides, **changes, "seed": seed},
+                {
+                    "link.uri": "udpin://127.0.0.1:0",
+                    "zenoh.enabled": False,
+                    **own,
+                    **overrides,
+                    **changes,
+                    "seed": seed,
+                },
             )
             with Progress() as progress:
                 result = run(config, config_path, work, progress, False, planner=(planners or {}).get(condition))
@@ -195,20 +204,20 @@ def excess(corridor: Corridor, xy_m: Array, region: NDArray[np.int64]) -> Array:
 
 
 def table(flights: Sequence[Flown]) -> str:
-    """One line a condition: errors over all its seeds, RMS also as ratio to the first condition."""
+    """One line a condition: errors over all its seeds, RMS of the whole and of the route also as ratio to the first's."""
     lines = [
-        f"{'condition':32s} {'landed':>8s} {'RMS m':>7s} {'worst':>7s} {'ratio':>6s} {'route RMS':>9s} {'worst':>7s} "
+        f"{'condition':32s} {'landed':>8s} {'RMS m':>7s} {'worst':>7s} {'ratio':>6s} {'route RMS':>9s} {'worst':>7s} {'ratio':>6s} "
         f"{'clearance':>9s} {'off corridor':>12s} {'off region':>10s} {'fallback':>8s} {'slack m':>8s}"
     ]
-    first: float | None = None
+    first: tuple[float, float] | None = None
     for condition in dict.fromkeys(f.condition for f in flights):
         group = [f for f in flights if f.condition == condition]
-        rms = _rms(np.array([f.rms_m for f in group]))
-        first = rms if first is None else first
+        rms, route_rms = _rms(np.array([f.rms_m for f in group])), _rms(np.array([f.route_rms_m for f in group]))
+        first = first or (rms, route_rms)
         landed = f"{sum(f.outcome == 'landed' for f in group)}/{len(group)}"
         lines.append(
-            f"{condition:32s} {landed:>8s} {rms:7.3f} {max(f.worst_m for f in group):7.3f} {rms / first:6.2f} "
-            f"{_rms(np.array([f.route_rms_m for f in group])):9.3f} {max(f.route_worst_m for f in group):7.3f} "
+            f"{condition:32s} {landed:>8s} {rms:7.3f} {max(f.worst_m for f in group):7.3f} {rms / first[0]:6.2f} "
+            f"{route_rms:9.3f} {max(f.route_worst_m for f in group):7.3f} {route_rms / first[1]:6.2f} "
             f"{min(f.clearance_m for f in group):9.3f} {max(f.off_corridor for f in group):12.2%} "
             f"{max(f.off_region for f in group):10.2%} {sum(f.fallback_ticks for f in group):8d} "
             f"{max(f.slack_m for f in group):8.3f}"

@@ -19,6 +19,9 @@ def register(benches: Any) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
     parser.add_argument("--seeds", type=int, default=3, metavar="N", help="flights a condition (default 3)")
     parser.add_argument("--only", metavar="TEXT", help="conditions whose name holds this text")
+    parser.add_argument(
+        "--towns", action="store_true", help="each seed flies in a town of its own instead of the run's world"
+    )
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument("--paper", action="store_true", help="the paper's mode against the default instead")
     instead.add_argument(
@@ -33,6 +36,7 @@ def register(benches: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from sandwich_sitl.bench.town_scenes import town_scene
     from sandwich_sitl.bench.tracking import ABLATION, CONDITIONS, FAULTS, PAPER, Flown, fly_all, table
 
     conditions = PAPER if arguments.paper else FAULTS if arguments.faults else CONDITIONS
@@ -54,7 +58,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
     with tempfile.TemporaryDirectory() as work:
         seeds = range(1, arguments.seeds + 1)
-        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say, planners)
+        scene = town_scene if arguments.towns else None
+        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say, planners, scene)
     print(table(flights))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(f) for f in flights], indent=1) + "\n", encoding="utf-8")

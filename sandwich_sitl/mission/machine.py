@@ -43,14 +43,19 @@ _STREAM = {
 class Mission:
     """One flight from CONNECT to DONE or FAILED.
 
-    `start_m` (x, y) ENU is where the vehicle must stand, `altitude_m` the flight altitude above it, `route_s` the
-    duration of the reference, which bounds the time in ACTIVE.
+    `start_m` (x, y) ENU is where the vehicle must stand, `altitude_m` the flight altitude above it. `route_s`, the
+    duration of the reference, bounds the time in ACTIVE, and its greatest height `highest_m` that of the landing.
     """
 
     def __init__(
-        self, config: MissionConfig, start_m: tuple[float, float], altitude_m: float, route_s: float = 600.0
+        self,
+        config: MissionConfig,
+        start_m: tuple[float, float],
+        altitude_m: float,
+        route_s: float = 600.0,
+        highest_m: float | None = None,
     ) -> None:
-        self._task = Task(config, start_m, altitude_m, route_s)
+        self._task = Task(config, start_m, altitude_m, route_s, altitude_m if highest_m is None else highest_m)
         self._memory = Memory()
 
     @property

@@ -19,6 +19,7 @@ CONFIRM_S = 1.5  # an acknowledged one has this long to show in the 1 Hz HEARTBE
 POSITION_AGE_S = 0.5
 AUDIT_S = 2.0  # how long READY waits for parameters
 REST_MPS = 0.3
+_SLOWEST_SINK_MPS = 0.5  # ArduPilot's landing; PX4's is 0.7 near the ground and faster above
 
 _FAILSAFE_MODES = frozenset({FlightMode.RTL, FlightMode.LAND, FlightMode.LOITER})
 _PILOT_MODES = frozenset(
@@ -28,12 +29,13 @@ _PILOT_MODES = frozenset(
 
 @dataclass(frozen=True)
 class Task:
-    """What this mission is to do. `route_s` is the duration of the reference."""
+    """What this mission is to do. `route_s` is the duration of the reference, `highest_m` its greatest height."""
 
     config: MissionConfig
     start_m: tuple[float, float]
     altitude_m: float
     route_s: float
+    highest_m: float
 
 
 @dataclass(frozen=True)
@@ -265,15 +267,16 @@ def deadline(s: Situation) -> bool:
 def deadline_s(state: State, task: Task, entry_speed_mps: float = 0.0) -> float:
     """Longest time in a state (run clock), from the mission's configuration. Terminal states have none (inf)."""
     config = task.config
+    landing_s = config.land_timeout_s + task.highest_m / _SLOWEST_SINK_MPS
     return {
         State.CONNECT: config.connect_timeout_s,
         State.READY: config.ready_timeout_s,
         State.PRIME: config.prime_s + config.request_timeout_s,
         State.REQUEST: config.request_timeout_s,
-        State.TAKEOFF: config.land_timeout_s,
+        State.TAKEOFF: config.land_timeout_s + task.altitude_m / _SLOWEST_SINK_MPS,
         State.ACTIVE: task.route_s + config.land_timeout_s,
         State.BRAKE: entry_speed_mps / config.brake_mps2 + 2.0,
         State.HOLD: max(config.prime_s, config.hold_s),
-        State.LAND: config.land_timeout_s,
-        State.WATCH: 3.0 * config.land_timeout_s,  # Return climbs and flies home before it lands
+        State.LAND: landing_s,
+        State.WATCH: 3.0 * landing_s,  # Return climbs and flies home before it lands
     }.get(state, float("inf"))

@@ -29,7 +29,7 @@ from sandwich_sitl.mission.vehicle_view import (
 
 START, ALTITUDE, ROUTE_S = (1.0, 2.0), 10.0, 30.0
 CONFIG = MissionConfig()
-TASK = Task(CONFIG, START, ALTITUDE, ROUTE_S)
+TASK = Task(CONFIG, START, ALTITUDE, ROUTE_S, ALTITUDE)
 WAITING = [state for state in State if state not in TERMINAL]
 READ = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0.0, "NAV_RCL_ACT": 2.0}
 
@@ -106,7 +106,7 @@ def active(autopilot: Autopilot = Autopilot.PX4) -> Run:
 
 def random_situation(state: State, dice: random.Random) -> Situation:
     """Any situation of a state, likely or not."""
-    now_s = dice.choice((0.1, 1.2, 3.0, 6.0, 21.0, 61.0, 95.0, 200.0))
+    now_s = dice.choice((0.1, 1.2, 3.0, 6.0, 21.0, 61.0, 95.0, 300.0))
     command = dice.choice((None, SetMode(FlightMode.OFFBOARD), SetMode(FlightMode.LAND), Arm(), TakeOff(ALTITUDE)))
     request = None
     if command is not None:
@@ -155,6 +155,15 @@ def test_every_waiting_state_has_a_deadline_that_leads_out(state: State) -> None
     for _ in range(300):
         situation = replace(random_situation(state, dice), now_s=limit_s + 1e-6)
         assert any(row.guard(situation) for row in ROWS_OF[state])
+
+
+@pytest.mark.parametrize("height_m", [10.0, 120.0, 500.0])
+def test_there_is_time_to_sink_from_any_height(height_m: float) -> None:
+    """PX4's landing: 1.5 m/s down to 10 m, then slowing down to 0.7 m/s from 5 m on."""
+    task = replace(TASK, altitude_m=10.0, highest_m=height_m)
+    sinking_s = max(height_m - 10.0, 0.0) / 1.5 + 10.0 / 0.7
+    assert deadline_s(State.LAND, task) > sinking_s + 0.5 * CONFIG.land_timeout_s
+    assert deadline_s(State.WATCH, task) >= 3 * deadline_s(State.LAND, task)
 
 
 def test_ends_are_ends() -> None:
