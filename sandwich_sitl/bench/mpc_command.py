@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import check_writable, whole
 
 _HORIZONS = {10: 0.1, 20: 0.1, 40: 0.05}
 
@@ -18,8 +19,8 @@ def register(benches: Any) -> None:
     parser.add_argument("--solvers", metavar="A,B", help="only these (default: all that are installed)")
     parser.add_argument("--horizons", default="20,40", metavar="N,N", help="steps: 10, 20 (0.1 s) or 40 (0.05 s)")
     parser.add_argument("--log", type=Path, metavar="RUN.mcap", help="ticks of this run instead of the stored ones")
-    parser.add_argument("--first", type=int, default=200, metavar="K", help="first tick taken of --log")
-    parser.add_argument("--count", type=int, default=400, metavar="K", help="ticks taken of --log")
+    parser.add_argument("--first", type=whole(0), default=200, metavar="K", help="first tick taken of --log")
+    parser.add_argument("--count", type=whole(1), default=400, metavar="K", help="ticks taken of --log")
     parser.add_argument("--save", type=Path, metavar="FILE.npz", help="keep the ticks of --log in a file and stop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the scores here too")
     parser.set_defaults(action=_run)
@@ -31,6 +32,10 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.control.horizon import MotionLimits
     from sandwich_sitl.recording.reader import RunLog
 
+    check_writable("--json", arguments.json)
+    check_writable("--save", arguments.save)
+    if arguments.save is not None and arguments.log is None:
+        raise InputError("--save: keeps the ticks of a run; name it with --log RUN.mcap")
     if arguments.log is not None:
         log = RunLog.read(arguments.log)
         sequences = (ticks.from_log(log, arguments.log.parent.name, arguments.first, arguments.count),)
