@@ -187,7 +187,8 @@ class _OcpQp:
 
 
 def _address(values: NDArray[Any]) -> c_void_p:
-    return c_void_p(values.ctypes.data)
+    """Where `values` lie. They live at least as long as the pointer, also where it alone is kept."""
+    return values.ctypes.data_as(c_void_p)
 
 
 def _shared_library() -> CDLL:
