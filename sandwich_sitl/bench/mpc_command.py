@@ -32,6 +32,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.recording.reader import RunLog
 
     if arguments.log is not None:
+        _check_range(arguments.first, arguments.count)
         log = RunLog.read(arguments.log)
         sequences = (ticks.from_log(log, arguments.log.parent.name, arguments.first, arguments.count),)
         if arguments.save is not None:
@@ -54,6 +55,14 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(score) for score in scores], indent=1) + "\n", encoding="utf-8")
     return 0
+
+
+def _check_range(first: int, count: int) -> None:
+    for option, value in (("--first", first), ("--count", count)):
+        if value < 1:
+            raise InputError(
+                f"{option} {value}: must be 1 or more; the state of a tick is the command of the one before"
+            )
 
 
 def _horizons(text: str) -> list[int]:

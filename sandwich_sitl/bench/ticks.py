@@ -57,7 +57,8 @@ class TickSequence:
 
 
 def from_log(log: RunLog, name: str, first: int, count: int) -> TickSequence:
-    """Ticks `first` .. `first + count` of a run's tracking, all flown at the reference's own rate.
+    """Ticks `first` .. `first + count` of a run's tracking, all flown at the reference's own rate; both 1 or more, as a
+    tick's state is the command before it.
 
     Raises `InputError` for a log without a plan or with fewer ticks.
     """
