@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.horizon import MOTION_PENALTY, REGION_PENALTY, Horizon, HorizonTick
+from sandwich_sitl.control.horizon import Horizon, HorizonTick
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,9 +34,9 @@ class StageForm:
         slack = [_SLACK_SCALE, _EXCESS_SCALE] if scaled else [1.0, 1.0]
         self.scale = np.tile(np.concatenate([one, slack]), n)
         weight = np.concatenate([np.full(D, 1 / horizon.beta), np.full(D, horizon.weight), np.zeros(3 * D)])
-        curvature = np.tile(np.concatenate([weight, [REGION_PENALTY[1], MOTION_PENALTY[1]]]), n)
+        curvature = np.tile(np.concatenate([weight, horizon.penalties[:, 1]]), n)
         self.P = sp.diags_array(curvature * self.scale**2).tocsc()
-        linear = np.concatenate([np.zeros(5 * D), [REGION_PENALTY[0], MOTION_PENALTY[0]]])
+        linear = np.concatenate([np.zeros(5 * D), horizon.penalties[:, 0]])
         self.q = np.tile(linear, n) * self.scale
         self._build_rows(scaled)
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.control.dual_kernel import dual_active_set
-from sandwich_sitl.control.horizon import MOTION_PENALTY, QUANTITIES, REGION_PENALTY, Horizon
+from sandwich_sitl.control.horizon import QUANTITIES, Horizon
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class WorkingSet:
         for k, normals in enumerate(horizon.edges):
             self.edges[k, : len(normals)] = normals
             self.edge_count[k] = len(normals) if horizon.bounded[k] else 0
-        self.rho = np.array([REGION_PENALTY, MOTION_PENALTY])
+        self.rho = horizon.penalties
         most = max(6 * n, given)
         self.rows = np.full((most, 3), -1, dtype=np.int64)
         self.multipliers = np.zeros(most)
