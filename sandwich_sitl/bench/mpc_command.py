@@ -31,7 +31,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.control.horizon import MotionLimits
     from sandwich_sitl.recording.reader import RunLog
 
+    limits = MotionLimits(12.0, 3.2, 40.0, 600.0)
     if arguments.log is not None:
+        _check_range(arguments.first, arguments.count)
         log = RunLog.read(arguments.log)
         sequences = (ticks.from_log(log, arguments.log.parent.name, arguments.first, arguments.count),)
         if arguments.save is not None:
@@ -40,20 +42,33 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         calm, gusty, overdriven = ticks.stored()
         tight = ticks.narrow(gusty)
-        sequences = (calm, gusty, tight, overdriven, ticks.pushed_out(tight), ticks.hostile(tight))  # type: ignore[assignment]
+        made = (ticks.pushed_out(tight), ticks.awkward(tight, limits.acceleration_mps2), ticks.hostile(tight))
+        sequences = (calm, gusty, tight, overdriven, *made)  # type: ignore[assignment]
     there = installed()
+    if "clarabel" not in there:
+        _say(
+            "without clarabel (sandwich-sitl[solvers]) errors are measured against active_set alone, itself among them"
+        )
     names = tuple(arguments.solvers.split(",")) if arguments.solvers else there
     if unknown := [name for name in names if name not in there]:
         raise InputError(f"--solvers: {', '.join(unknown)} not installed; there are {', '.join(there)}")
     scores = []
     for n_tau in _horizons(arguments.horizons):
         for sequence in sequences:
-            case = Case(sequence, n_tau, _HORIZONS[n_tau], 8.0, MotionLimits(12.0, 3.2, 40.0, 600.0))
+            case = Case(sequence, n_tau, _HORIZONS[n_tau], 8.0, limits)
             scores += run_case(case, names, lambda name, case=case: _say(f"{case.sequence.name} n={case.n_tau} {name}"))  # type: ignore[misc]
     print(table(scores, "piqp"))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(score) for score in scores], indent=1) + "\n", encoding="utf-8")
     return 0
+
+
+def _check_range(first: int, count: int) -> None:
+    for option, value in (("--first", first), ("--count", count)):
+        if value < 1:
+            raise InputError(
+                f"{option} {value}: must be 1 or more; the state of a tick is the command of the one before"
+            )
 
 
 def _horizons(text: str) -> list[int]:

@@ -1,6 +1,7 @@
 """Every solver behind the port against the exact one, and what the port promises of each."""
 
 from importlib.util import find_spec
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -169,6 +170,23 @@ def test_paper_mode_is_the_euler_chain_without_limits() -> None:
     x[3] = 30.0
     states = mpc.solve(x, np.zeros((N, 3)), turned_box(0.0), np.full((N, FACES), 1e3)).states
     np.testing.assert_allclose(states[:3, 0], [3.0, 6.0, 9.0], atol=1e-9)
+
+
+def test_hpipm_reads_no_memory_that_was_given_back() -> None:
+    """Transposed constants are temporaries: what writes them keeps them until it is called, however late."""
+    if find_spec("casadi") is None:
+        pytest.skip("needs pip install sandwich-sitl[hpipm]")
+    from sandwich_sitl.control.solvers.hpipm_stages import _OcpQp
+
+    problem = _OcpQp({"nx": [2, 2], "nu": [1, 0]}, 1e-6)
+    temporary = np.full((2, 2), 7.0)
+    watched = ref(temporary)
+    write = problem.setter("Q", 0, temporary)
+    del temporary
+    assert watched() is not None
+    write()
+    del write
+    assert watched() is None
 
 
 def test_the_port_is_what_the_solvers_are() -> None:

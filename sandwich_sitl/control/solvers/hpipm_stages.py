@@ -16,14 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.horizon import (
-    MOTION_PENALTY,
-    REGION_PENALTY,
-    SOLVED,
-    Horizon,
-    HorizonAnswer,
-    HorizonTick,
-)
+from sandwich_sitl.control.horizon import SOLVED, Horizon, HorizonAnswer, HorizonTick
 from sandwich_sitl.control.solvers.stage_form import SCALES
 
 Array = NDArray[np.float64]
@@ -78,7 +71,7 @@ class HpipmSolver:
         weight = np.concatenate([np.full(D, hz.weight * unit[0] ** 2), np.zeros(3 * D)])
         box = np.full(boxed, hz.units[4] / SCALES[4])
         curvature = np.full(D, SCALES[4] ** 2 / hz.beta)
-        linear, quadratic = np.array([REGION_PENALTY, MOTION_PENALTY]).T
+        linear, quadratic = hz.penalties.T
         slack_of_row = np.repeat(np.eye(2), [F, motion], axis=0)
         nothing, both = np.zeros((2, 4 * D)), np.zeros(2)
         for h in range(n + 1):
@@ -187,7 +180,8 @@ class _OcpQp:
 
 
 def _address(values: NDArray[Any]) -> c_void_p:
-    return c_void_p(values.ctypes.data)
+    """Where `values` lie. They live at least as long as the pointer, also where it alone is kept."""
+    return values.ctypes.data_as(c_void_p)
 
 
 def _shared_library() -> CDLL:
