@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import shapely
 
-from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, excess, measure, table
+from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, measure, table
 from sandwich_sitl.cli import main
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.regions import outside_m
 
 from .conftest import Process
 
@@ -32,11 +33,11 @@ def test_the_numbers_of_a_flight_are_those_of_its_log(flown: Path) -> None:
     # Inside by half-planes is inside by polygons.
     assert log.plan is not None
     corridor = log.plan.corridor
-    places = log.truth.r_m[::20, :2]
+    places = log.truth.r_m[::20]
     for m in range(0, len(corridor.Gamma), 5):
         polygon = shapely.Polygon(corridor.polygons_m[m]).buffer(1e-9)
-        by_planes = excess(corridor, places, np.full(len(places), m)) <= 0.0
-        np.testing.assert_array_equal(by_planes, shapely.contains(polygon, shapely.points(places)))
+        by_planes = outside_m(corridor, places, np.full(len(places), m)) <= 0.0
+        np.testing.assert_array_equal(by_planes, shapely.contains(polygon, shapely.points(places[:, :2])))
 
 
 def test_calm_air_and_an_exact_estimate_are_tracked_to_centimetres(
