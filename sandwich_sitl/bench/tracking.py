@@ -48,6 +48,7 @@ CONDITIONS: Mapping[str, Mapping[str, Any]] = {
     "noise, gusts round 5 m/s": _GUSTS,
     "noise, gusts, 6 m/s": {**_GUSTS, **_FAST},
     "noise, gusts, another vehicle": {**_GUSTS, **_OTHER_VEHICLE},
+    "gusts, filter estimate": {**_GUSTS, "vehicle.sensors.estimator": "filter"},
 }
 PAPER: Mapping[str, Mapping[str, Any]] = {
     "paper, 0.37 s a node": {"mode": "paper", "mpc.step_s": 0.37, "mpc.bandwidth_radps": 4.0},
