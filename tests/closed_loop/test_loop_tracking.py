@@ -11,14 +11,17 @@ import numpy as np
 import pytest
 import shapely
 
-from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, measure, table
+from sandwich_sitl.bench.tracking import CONDITIONS, FAULTS, PAPER, fly_all, measure, table
 from sandwich_sitl.cli import main
+from sandwich_sitl.mission.orders import OutcomeName
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.regions import outside_m
 
 from .conftest import Process
 
-PAPER_CONFIG = Path(__file__).parents[2] / "configs" / "paper.yaml"
+CONFIGS = Path(__file__).parents[2] / "configs"
+PAPER_CONFIG = CONFIGS / "paper.yaml"
+SHORT_FLIGHT = {"start_m": [24, 25], "goal_m": [56, 25], "altitude_m": 4}  # of `single.yaml`; ACTIVE at 25 s
 
 
 def test_the_numbers_of_a_flight_are_those_of_its_log(flown: Path) -> None:
@@ -133,3 +136,17 @@ def test_every_condition_keeps_its_goal_and_the_corridor(tmp_path: Path) -> None
         for name in ("calm, exact estimate", "wind 8 m/s, exact estimate")
     )
     assert windy <= 1.3 * calm
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_no_fault_makes_the_vehicle_touch_an_obstacle(fault: str, tmp_path: Path) -> None:
+    """And the mission says how it ended; the fault comes while the reference is being flown."""
+    flights = fly_all(CONFIGS / "single.yaml", {fault: FAULTS[fault]}, (1, 2), SHORT_FLIGHT, tmp_path)
+    for flight in flights:
+        assert flight.outcome in set(OutcomeName)
+        assert flight.clearance_m >= 0.4
+        log = RunLog.read(tmp_path / "run.mcap")
+        begun_s = log.mission.t_s[log.mission.state.index("ACTIVE")]
+        assert begun_s < 25.0 < log.control.t_s[-1] + 0.5
