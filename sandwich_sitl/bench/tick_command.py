@@ -23,7 +23,8 @@ def register(benches: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from sandwich_sitl.bench.tick import deadlines, tick_cost
+    from sandwich_sitl.bench.tick import tick_cost
+    from sandwich_sitl.bench.tick_realtime import deadlines
 
     overrides = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
     if arguments.repeat < 1:
