@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import check_writable, whole
 
 _HORIZONS = {10: 0.1, 20: 0.1, 40: 0.05}
 
@@ -18,8 +19,8 @@ def register(benches: Any) -> None:
     parser.add_argument("--solvers", metavar="A,B", help="only these (default: all that are installed)")
     parser.add_argument("--horizons", default="20,40", metavar="N,N", help="steps: 10, 20 (0.1 s) or 40 (0.05 s)")
     parser.add_argument("--log", type=Path, metavar="RUN.mcap", help="ticks of this run instead of the stored ones")
-    parser.add_argument("--first", type=int, default=200, metavar="K", help="first tick taken of --log")
-    parser.add_argument("--count", type=int, default=400, metavar="K", help="ticks taken of --log")
+    parser.add_argument("--first", type=whole(1), default=200, metavar="K", help="first tick taken of --log")
+    parser.add_argument("--count", type=whole(1), default=400, metavar="K", help="ticks taken of --log")
     parser.add_argument("--save", type=Path, metavar="FILE.npz", help="keep the ticks of --log in a file and stop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the scores here too")
     parser.set_defaults(action=_run)
@@ -31,9 +32,12 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.control.horizon import MotionLimits
     from sandwich_sitl.recording.reader import RunLog
 
+    check_writable("--json", arguments.json)
+    check_writable("--save", arguments.save)
+    if arguments.save is not None and arguments.log is None:
+        raise InputError("--save: keeps the ticks of a run; name it with --log RUN.mcap")
     limits = MotionLimits(12.0, 3.2, 40.0, 600.0)
     if arguments.log is not None:
-        _check_range(arguments.first, arguments.count)
         log = RunLog.read(arguments.log)
         sequences = (ticks.from_log(log, arguments.log.parent.name, arguments.first, arguments.count),)
         if arguments.save is not None:
@@ -61,14 +65,6 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(score) for score in scores], indent=1) + "\n", encoding="utf-8")
     return 0
-
-
-def _check_range(first: int, count: int) -> None:
-    for option, value in (("--first", first), ("--count", count)):
-        if value < 1:
-            raise InputError(
-                f"{option} {value}: must be 1 or more; the state of a tick is the command of the one before"
-            )
 
 
 def _horizons(text: str) -> list[int]:

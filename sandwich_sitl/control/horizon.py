@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 REGION_PENALTY = (20.0, 50.0)  # rho_1 in m, rho_2 at weight one: cost of a metre outside, against half a squared metre
 MOTION_PENALTY = (20.0, 20.0)  # the same per share of the limit
 QUANTITIES = 5  # r, v, a, j, u
+INSCRIBED = cos(pi / 8)  # radius of what the eight sides of speed and acceleration leave in every direction
 FARTHEST_M = 1e4
 SOLVED, FREE, FAILED = 1, 2, -1  # statuses every solver is translated to
 
@@ -123,7 +124,7 @@ class Horizon:
         model = quadruple_integrator(step_s, discretisation)
         self.chain, self.drive = model.A_p[::3, ::3], model.B_p[::3, 0]
         self.edges = tuple(polygon_normals(sides, axes) for sides in (8, 8, 4, 4))  # of v, a, j, u
-        shrink = (cos(pi / 8), cos(pi / 8), sqrt(0.5), sqrt(0.5)) if axes == 2 else (1.0, 1.0, 1.0, 1.0)
+        shrink = (INSCRIBED, INSCRIBED, sqrt(0.5), sqrt(0.5)) if axes == 2 else (1.0, 1.0, 1.0, 1.0)
         given = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3, limits.snap_mps4)
         self.bounded = tuple(isfinite(limit) for limit in given)
         self.units = np.array(

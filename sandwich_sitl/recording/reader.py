@@ -210,7 +210,8 @@ def _metadata(raw: RawLog) -> dict[str, dict[str, str]]:
 
 def _timings(raw: RawLog) -> WallTimings:
     batches = [record.metadata for record in raw.metadata if record.name == "wall_timing"]
-    columns = {name: [json.loads(batch[name]) for batch in batches] for name in ("t_ns", "solve_s", "loop_s", "late_s")}
+    names = ("t_ns", "solve_s", "loop_s", "late_s", "sent_s")
+    columns = {name: [json.loads(batch[name]) for batch in batches] for name in names}
     ticks = [
         int(batch["first_tick"]) + np.arange(len(row)) for batch, row in zip(batches, columns["solve_s"], strict=True)
     ]

@@ -22,8 +22,9 @@ from sandwich_sitl.channels.check import examine
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.prisms import Prisms
-from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section, whole_corridor
+from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.regions import outside_m, whole_corridor
 from sandwich_sitl.recording.tracks import Frame
 
 Array = NDArray[np.float64]
@@ -193,13 +194,8 @@ def _quadrangle_violations(log: RunLog) -> int | None:
     corridor = whole_corridor(log)
     if corridor is None or log.truth.t_s.size == 0:
         return None
-    region = log.control.region[chosen]
     r_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)
-    excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], r_m[:, :2]) - corridor.Gamma[region]
-    if len(corridor.z_m):
-        low_m, high_m = corridor.z_m[region].T
-        excess_m = np.column_stack([excess_m, low_m - r_m[:, 2], r_m[:, 2] - high_m])
-    return int(np.count_nonzero((excess_m > REGION_TOLERANCE_M).any(axis=1)))
+    return int(np.count_nonzero(outside_m(corridor, r_m, log.control.region[chosen]) > REGION_TOLERANCE_M))
 
 
 def _mpc_section(log: RunLog) -> Section:

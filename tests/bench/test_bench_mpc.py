@@ -112,16 +112,6 @@ def test_the_command_line_takes_names_and_says_what_is_wrong(
     assert main(["bench", "mpc", "--horizons", "7"]) == 2
 
 
-@pytest.mark.parametrize("wrong", [("--first", "0"), ("--first", "-3"), ("--count", "0")])
-def test_a_range_without_a_tick_before_it_is_refused_by_its_option(
-    wrong: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", "mpc", "--log", "run.mcap", *wrong]) == 2
-    said = capsys.readouterr().err.strip()
-    assert f"{wrong[0]} {wrong[1]}: must be 1 or more" in said
-    assert "\n" not in said
-
-
 @pytest.mark.parametrize(("there", "said"), [(("active_set",), 1), (("active_set", "clarabel"), 0)])
 def test_errors_against_the_own_solver_alone_are_announced(
     there: tuple[str, ...], said: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -11,13 +11,17 @@ import numpy as np
 import pytest
 import shapely
 
-from sandwich_sitl.bench.tracking import CONDITIONS, PAPER, excess, measure, table
+from sandwich_sitl.bench.tracking import CONDITIONS, FAULTS, PAPER, fly_all, measure, table
 from sandwich_sitl.cli import main
+from sandwich_sitl.mission.orders import OutcomeName
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.regions import outside_m
 
 from .conftest import Process
 
-PAPER_CONFIG = Path(__file__).parents[2] / "configs" / "paper.yaml"
+CONFIGS = Path(__file__).parents[2] / "configs"
+PAPER_CONFIG = CONFIGS / "paper.yaml"
+SHORT_FLIGHT = {"start_m": [24, 25], "goal_m": [56, 25], "altitude_m": 4}  # of `single.yaml`; ACTIVE at 25 s
 
 
 def test_the_numbers_of_a_flight_are_those_of_its_log(flown: Path) -> None:
@@ -32,11 +36,11 @@ def test_the_numbers_of_a_flight_are_those_of_its_log(flown: Path) -> None:
     # Inside by half-planes is inside by polygons.
     assert log.plan is not None
     corridor = log.plan.corridor
-    places = log.truth.r_m[::20, :2]
+    places = log.truth.r_m[::20]
     for m in range(0, len(corridor.Gamma), 5):
         polygon = shapely.Polygon(corridor.polygons_m[m]).buffer(1e-9)
-        by_planes = excess(corridor, places, np.full(len(places), m)) <= 0.0
-        np.testing.assert_array_equal(by_planes, shapely.contains(polygon, shapely.points(places)))
+        by_planes = outside_m(corridor, places, np.full(len(places), m)) <= 0.0
+        np.testing.assert_array_equal(by_planes, shapely.contains(polygon, shapely.points(places[:, :2])))
 
 
 def test_calm_air_and_an_exact_estimate_are_tracked_to_centimetres(
@@ -132,3 +136,17 @@ def test_every_condition_keeps_its_goal_and_the_corridor(tmp_path: Path) -> None
         for name in ("calm, exact estimate", "wind 8 m/s, exact estimate")
     )
     assert windy <= 1.3 * calm
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_no_fault_makes_the_vehicle_touch_an_obstacle(fault: str, tmp_path: Path) -> None:
+    """And the mission says how it ended; the fault comes while the reference is being flown."""
+    flights = fly_all(CONFIGS / "single.yaml", {fault: FAULTS[fault]}, (1, 2), SHORT_FLIGHT, tmp_path)
+    for flight in flights:
+        assert flight.outcome in set(OutcomeName)
+        assert flight.clearance_m >= 0.4
+        log = RunLog.read(tmp_path / "run.mcap")
+        begun_s = log.mission.t_s[log.mission.state.index("ACTIVE")]
+        assert begun_s < 25.0 < log.control.t_s[-1] + 0.5

@@ -148,6 +148,23 @@ def test_height_stays_within_the_altitudes_of_its_region(low: float, high: float
     assert heights[-1] == pytest.approx(np.clip(10.0, low, high), abs=0.02)
 
 
+@pytest.mark.parametrize("away_m", [0.0, 5.4e6])
+def test_a_world_far_from_its_origin_is_flown_as_one_at_home(away_m: float) -> None:
+    """UTM northings reach ten million metres; the plan moves along and loses no digits but those of its own numbers."""
+    tick = inside_problem(3)
+    away = np.array([away_m / 10, away_m, 0.0])
+    mpc = Mpc(MpcConfig(horizon_steps=N, solver="active_set"), "timed", FACES)
+    x = np.concatenate([tick.state, np.zeros((4, 1))], axis=1).ravel()
+    desired = np.concatenate([tick.desired, np.zeros((N, 1))], axis=1)
+    moved = x.copy()
+    moved[:3] += away
+    home = mpc.solve(x, desired, tick.normals, tick.offsets)
+    there = mpc.solve(moved, desired + away, tick.normals, tick.offsets + tick.normals @ away[:2])
+    assert there.usable
+    np.testing.assert_allclose(there.states[:, :3] - away, home.states[:, :3], atol=1e-6)
+    np.testing.assert_allclose(there.snap, home.snap, atol=1e-3 * np.abs(home.snap).max())
+
+
 def test_paper_mode_is_the_euler_chain_without_limits() -> None:
     mpc = Mpc(MpcConfig(solver="active_set", horizon_steps=N), "paper", FACES)
     x = np.zeros(12)

@@ -58,6 +58,7 @@ def test_metadata_plan_and_timings_come_back(run_log: RunLog) -> None:
     assert run_log.plan.seconds == {"channel map": 0.5, "route": 0.25}
     np.testing.assert_array_equal(run_log.timings.tick, np.arange(151))
     np.testing.assert_allclose(run_log.timings.solve_s, 1e-3 * np.arange(1, 152), atol=1e-7)
+    np.testing.assert_allclose(run_log.timings.sent_s, 70.0 + 0.1 * np.arange(151), atol=1e-6)
     np.testing.assert_allclose(run_log.timings.t_s, np.arange(151) * 0.1, atol=1e-9)
 
 

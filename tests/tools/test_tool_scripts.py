@@ -140,3 +140,18 @@ def test_a_bad_option_of_the_map_picture_is_one_line(tmp_path: Path, arguments: 
     result = call("map_picture.py", town, "--out", tmp_path / "map.png", *arguments)
     assert result.returncode == 2
     assert words in result.stderr
+
+
+@pytest.mark.parametrize("item", ["gap_m=[1", "gap_m"])
+def test_a_picture_of_a_map_wants_key_and_value(tmp_path: Path, item: str) -> None:
+    result = call("map_picture.py", ROOT / "configs" / "open.yaml", "--out", tmp_path / "map.png", "--set", item)
+    assert result.returncode == 2
+    assert result.stderr.startswith(f"--set {item}: ")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--rotorpy=/none/python", "--seconds=-1", "--seconds=nan"])
+def test_the_vehicles_bench_refuses_what_it_cannot_do(option: str) -> None:
+    result = call("bench_vehicle.py", option)
+    assert result.returncode == 2
+    assert option.partition("=")[2] in result.stderr.splitlines()[-1]
