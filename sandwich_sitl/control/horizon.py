@@ -101,7 +101,9 @@ def polygon_normals(sides: int, axes: int) -> Array:
 class Horizon:
     """Constants of the problem: `n_tau` steps of `step_s`, `axes` 1 or 2, at most `faces` half-planes a step.
 
-    `penalties` (2, 2) = rho_1, rho_2 of regions and of motion limits. They grow with `weight`, as the multipliers do.
+    `scales` (5,) are what r, v, a, j, u come to where a metre is made good at the bandwidth omega: omega^k, with which
+    the costs of r and u weigh the same. `penalties` (2, 2) = rho_1, rho_2 of regions and of motion limits. They grow
+    with `weight`, as the multipliers do.
     """
 
     def __init__(
@@ -117,6 +119,7 @@ class Horizon:
     ) -> None:
         self.n_tau, self.axes, self.faces, self.weight = n_tau, axes, faces, weight
         self.beta = bandwidth_radps**8
+        self.scales = bandwidth_radps ** np.arange(5.0)
         self.penalties = weight * np.array([REGION_PENALTY, MOTION_PENALTY])
         model = quadruple_integrator(step_s, discretisation)
         self.chain, self.drive = model.A_p[::3, ::3], model.B_p[::3, 0]

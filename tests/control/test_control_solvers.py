@@ -12,6 +12,7 @@ from sandwich_sitl.control.mpc import Mpc
 from sandwich_sitl.control.solvers import registry
 from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.solvers.idle_rows import IdleRowsFirst
+from sandwich_sitl.control.solvers.stage_form import StageForm
 from sandwich_sitl.errors import InputError
 
 from .problems import FACES, N, horizon, inside_problem, turned_box
@@ -170,6 +171,13 @@ def test_paper_mode_is_the_euler_chain_without_limits() -> None:
     x[3] = 30.0
     states = mpc.solve(x, np.zeros((N, 3)), turned_box(0.0), np.full((N, FACES), 1e3)).states
     np.testing.assert_allclose(states[:3, 0], [3.0, 6.0, 9.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("omega", [3.0, 8.0])
+def test_scaled_unknowns_cost_the_same_at_any_bandwidth(omega: float) -> None:
+    """A metre of error and the snap that makes it good: the solvers on the stages see curvature one for both."""
+    form = StageForm(Horizon(N, 0.1, "zoh", omega, 2, FACES, MotionLimits(8, 8, 80, 900)), scaled=True)
+    np.testing.assert_allclose(form.P.diagonal().reshape(N, form.width)[:, :4], 1.0, rtol=1e-12)
 
 
 def test_hpipm_reads_no_memory_that_was_given_back() -> None:

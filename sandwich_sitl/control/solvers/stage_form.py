@@ -18,7 +18,7 @@ from sandwich_sitl.control.horizon import Horizon, HorizonTick
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SCALES = {0: 1.0, 1: 2.5, 2: 9.0, 3: 300.0, 4: 1200.0}  # scales of r, v, a, j, u measured at omega = 4
+# Beside the horizon's own scales, what saved PIQP iterations.
 _SLACK_SCALE, _EXCESS_SCALE = 0.04, 0.6
 _ROW_SCALE = {"dynamics": 7.0, "region": 5.5, "motion": 0.55, "input": 0.55, "slack": 5.0}
 
@@ -30,7 +30,7 @@ class StageForm:
         self.horizon = horizon
         n, D = horizon.n_tau, horizon.axes
         self.width = 5 * D + 2
-        one = np.repeat([SCALES[k] if scaled else 1.0 for k in (4, 0, 1, 2, 3)], D)
+        one = np.repeat(np.roll(horizon.scales, 1) if scaled else np.ones(5), D)
         slack = [_SLACK_SCALE, _EXCESS_SCALE] if scaled else [1.0, 1.0]
         self.scale = np.tile(np.concatenate([one, slack]), n)
         weight = np.concatenate([np.full(D, 1 / horizon.beta), np.full(D, horizon.weight), np.zeros(3 * D)])
