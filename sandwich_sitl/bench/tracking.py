@@ -21,6 +21,7 @@ from sandwich_sitl.planning.reference import paper_reference
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.regions import outside_m, whole_corridor
+from sandwich_sitl.recording.spans import within
 from sandwich_sitl.recording.summary import REGION_TOLERANCE_M, active_spans, tracking_error
 
 Array = NDArray[np.float64]
@@ -178,9 +179,7 @@ def measure(condition: str, seed: int, summary: Mapping[str, Any], log: RunLog) 
 def _outside(log: RunLog) -> tuple[float, float]:
     """Shares of true places outside of the region of their time, and outside of every region; NaN without any."""
     corridor, truth, control = whole_corridor(log), log.truth, log.control
-    on = np.zeros(truth.t_s.shape, dtype=np.bool_)
-    for begin, end in active_spans(log):
-        on |= (truth.t_s >= begin) & (truth.t_s < end)
+    on = within(truth.t_s, active_spans(log))
     if corridor is None or not on.any() or not control.t_s.size:
         return float("nan"), float("nan")
     places, times = truth.r_m[on], truth.t_s[on]
