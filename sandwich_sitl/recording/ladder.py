@@ -1,7 +1,7 @@
 """How far down its ladder a flight came (`control.assurance`), and why the mission braked, read from its log alone.
 
 The upper two rungs, and the tick that finds no more plan, are the controller's; from the next tick on the mission
-brakes and holds, and its states tell.
+brakes and holds, and its states tell. A mission that is asked to stop brakes along the plan in force.
 """
 
 import json
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sandwich_sitl.config import MissionConfig
-from sandwich_sitl.control.assurance import Rung
+from sandwich_sitl.control.assurance import Fault, Rung
 from sandwich_sitl.mission.orders import State
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.spans import state_spans, within
@@ -26,7 +26,8 @@ def assurance_section(log: RunLog) -> Section:
     """Ticks on each rung, also of a mission that was asked to brake, how often a plan was refused and how often accepted
     again, faults in ticks, and why the mission braked, None when it did not.
     """
-    rung = log.control.rung
+    asked = np.array([fault == Fault.STOP for fault in log.control.fault], dtype=np.bool_)
+    rung = log.control.rung[~asked]  # a stop that the mission asked for is its braking, and no fallback
     before = np.concatenate([[0], rung[:-1]])  # a flight that begins without a plan has fallen back too
     fell = int(np.count_nonzero((rung > 0) & (before == 0))) if rung.size else 0
     rose = int(np.count_nonzero((rung == 0) & (before > 0))) if rung.size else 0
@@ -37,7 +38,7 @@ def assurance_section(log: RunLog) -> Section:
         "hold": _ticks_in(log, State.HOLD),
         "fallbacks": fell,
         "recoveries": rose,
-        "faults": dict(sorted(Counter(fault for fault in log.control.fault if fault).items())),
+        "faults": dict(sorted(Counter(fault for fault in log.control.fault if fault and fault != Fault.STOP).items())),
         "braked_for": _cause(log),
     }
 

@@ -105,19 +105,20 @@ class Relay:
 
 
 class Watch:
-    """Notes the mission's states; asks to stop when `stop_at` has come."""
+    """Notes the mission's states; asks to stop when the state `stop_at` or the time `stop_s` has come."""
 
-    def __init__(self, stop_at: str | None = None) -> None:
+    def __init__(self, stop_at: str | None = None, stop_s: float = np.inf) -> None:
         self.states: list[str] = []
-        self._stop_at = stop_at
+        self._stop_at, self._stop_s, self._now_s = stop_at, stop_s, 0.0
 
     def __call__(self, now_s: float, state: str, text: str) -> None:
-        del now_s, text
+        del text
+        self._now_s = now_s
         if not self.states or self.states[-1] != state:
             self.states.append(state)
 
     def stop_requests(self) -> int:
-        return int(self._stop_at in self.states)
+        return int(self._stop_at in self.states or self._now_s >= self._stop_s)
 
 
 def flown(
@@ -230,6 +231,28 @@ def test_a_plan_that_fails_the_examination_is_not_flown_and_the_next_good_one_is
     clearance = clearance_m(log.control.estimate_r_m, log.plan)
     assert clearance is not None
     assert clearance > config.planner.vehicle_radius_m
+
+
+def test_a_flight_that_is_asked_to_stop_keeps_to_its_corridor_until_it_rests(
+    start: Start, short_config: Path, tmp_path: Path
+) -> None:
+    watch = Watch(stop_s=16.5)
+    log, result, _ = flown(start, short_config, tmp_path, solver_for_flight, watch)
+    assert result.outcome.outcome == "interrupted"
+    assert watch.states[watch.states.index("ACTIVE") :] == ["ACTIVE", "BRAKE", "HOLD", "LAND", "DONE"]
+    stopping = np.array([fault == Fault.STOP for fault in log.control.fault])
+    speed = np.linalg.norm(log.control.setpoint_v_mps, axis=1)
+    assert speed[~stopping][-1] > 1.5
+    assert speed[stopping][-1] < 0.5
+    assert (log.control.rung[stopping] == 1).all()
+    assert log.plan is not None
+    corridor, region = log.plan.corridor, log.control.region[stopping]
+    places = log.control.estimate_r_m[stopping, :2]
+    excess = np.einsum("kfd,kd->kf", corridor.Lambda[region], places) - corridor.Gamma[region]
+    assert excess.max() < 0.0
+    assurance = summarise(log)["assurance"]
+    assert (assurance["shifted"], assurance["fallbacks"], assurance["faults"]) == (0, 0, {})
+    assert assurance["brake"] >= stopping.sum()
 
 
 def test_a_flight_that_loses_sight_of_itself_slows_down_and_goes_on_when_it_sees_again(
