@@ -23,6 +23,7 @@ from pydantic import TypeAdapter, ValidationError  # noqa: E402
 from sandwich_sitl.bench.command import add_bench  # noqa: E402
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config  # noqa: E402
 from sandwich_sitl.errors import InputError, SandwichError  # noqa: E402
+from sandwich_sitl.options import overrides_of  # noqa: E402
 from sandwich_sitl.yaml_document import dotted, first_problem, is_run_file, put  # noqa: E402
 
 if TYPE_CHECKING:
@@ -94,21 +95,8 @@ def _command(commands: Any, name: str, action: Any, text: str) -> argparse.Argum
     return parser
 
 
-def _overrides(items: Sequence[str]) -> dict[str, Any]:
-    overrides: dict[str, Any] = {}
-    for item in items:
-        key, separator, text = item.partition("=")
-        if not separator or not key:
-            raise InputError(f"--set {item}: must be KEY=VALUE, such as planner.cell_m=0.5")
-        try:
-            overrides[key] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"--set {item}: the value is not valid YAML") from error
-    return overrides
-
-
 def _loaded(arguments: argparse.Namespace) -> RunConfig:
-    overrides = _overrides(arguments.set)
+    overrides = overrides_of(arguments.set)
     named = {"clock.mode": arguments.clock, "clock.speed": arguments.speed, "seed": arguments.seed}
     overrides |= {key: value for key, value in named.items() if value is not None}
     return load_config(arguments.config, overrides)
@@ -214,7 +202,7 @@ def _imported(arguments: argparse.Namespace) -> "tuple[ImportedWorld, tuple[tupl
     from sandwich_sitl.world.importers import ImportOptions, read_world
     from sandwich_sitl.world.load import import_world
 
-    overrides = _overrides(arguments.set)
+    overrides = overrides_of(arguments.set)
     if is_run_file(arguments.file):
         config = load_config(arguments.file, overrides)
         return import_world(config.world, arguments.file), (config.start_m, config.goal_m)

@@ -224,7 +224,7 @@ class _Loop:
         if (tick.rung, tick.fault) != self._ladder:
             self._ladder = (tick.rung, tick.fault)
             level = "info" if tick.rung is Rung.PLAN else "warning"
-            self._recorder.log(now_s, level, f"assurance: {describe(tick.rung, tick.fault)}")
+            self._recorder.log(now_s, level, f"assurance: {describe(tick.rung, tick.fault, tick.error)}")
         lift = np.array([0.0, 0.0, self._pilot.ground_m])
         self._recorder.control(
             ControlRecord(

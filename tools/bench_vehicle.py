@@ -6,6 +6,8 @@ RotorPy is run by the interpreter of an environment that has it (`pip install ro
 """
 
 import argparse
+import math
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -37,9 +39,11 @@ for hz in (100, 400):
 def main() -> int:
     """Print both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="simulated seconds of flight")
+    parser.add_argument("--seconds", type=_seconds, default=60.0, help="simulated seconds of flight")
     parser.add_argument("--rotorpy", metavar="PYTHON", help="interpreter of an environment with RotorPy")
     arguments = parser.parse_args()
+    if arguments.rotorpy is not None and shutil.which(arguments.rotorpy) is None:
+        parser.error(f"--rotorpy {arguments.rotorpy}: is not a program; give the path of a Python interpreter")
     print(describe(run_bench(arguments.seconds)))
     peer = arguments.rotorpy or (sys.executable if find_spec("rotorpy") else None)
     if peer is None:
@@ -48,6 +52,13 @@ def main() -> int:
     done = subprocess.run([peer, "-c", PEER], capture_output=True, text=True, timeout=300, check=False)
     print(done.stdout.strip() or f"RotorPy could not be run: {done.stderr.strip().splitlines()[-1:]}")
     return 0
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 1.0 <= seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} must be at least 1")
+    return seconds
 
 
 if __name__ == "__main__":

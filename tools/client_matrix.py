@@ -1,4 +1,5 @@
-"""Fly the vehicle with real client programs over UDP and print what worked: client x feature. Exit status 1 when anything failed.
+"""Fly the vehicle with real client programs over UDP and print what worked: client x feature. Exit status 1 when anything failed, 2 when no
+client program is installed.
 
     python tools/client_matrix.py [--only mavsdk4|mavsdk3|mavproxy ...] [--clients DIR] [--speed 4]
 
@@ -83,6 +84,9 @@ def main() -> int:
             print(said[-2000:], file=sys.stderr)
         print(f"{client}: {len(steps) - wrong} of {len(steps)} features")
         flown[client] = {str(step["step"]).replace("_", " "): "pass" if step["ok"] else "FAIL" for step in steps}
+    if not flown:
+        print(f"no client program was flown: run tools/install_clients.sh {arguments.clients}", file=sys.stderr)
+        return 2
     if len(flown) > 1:
         print(matrix(flown))
     return int(failures > 0)

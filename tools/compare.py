@@ -26,6 +26,8 @@ def main() -> int:
     except SandwichError as error:
         print(error, file=sys.stderr)
         return error.exit_status
+    for notice in filter(None, (a.notice, b.notice)):
+        print(notice, file=sys.stderr)
     numbers_a, numbers_b = dict(flatten(summarise(a))), dict(flatten(summarise(b)))
     print(f"{'':34s} {'A':>16s} {'B':>16s} {'B - A':>16s}")
     for key in numbers_a:

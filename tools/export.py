@@ -33,6 +33,8 @@ def main() -> int:
     options = parser.parse_args()
     try:
         log = RunLog.read(options.run)
+        if log.notice is not None:
+            print(log.notice, file=sys.stderr)
         if options.tlog is not None:
             written = {options.tlog: write_tlog(log, options.tlog)}
         else:

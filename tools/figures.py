@@ -32,6 +32,8 @@ def main() -> int:
     options = parser.parse_args()
     try:
         log = RunLog.read(options.run)
+        if log.notice is not None:
+            print(log.notice, file=sys.stderr)
         if log.plan is None or log.control.t_s.size == 0:
             raise InputError(f"{options.run}: holds no plan or no control ticks, so there is nothing to draw")
         options.out.mkdir(parents=True, exist_ok=True)

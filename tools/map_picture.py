@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import shapely
-import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from sandwich_sitl.channels.build import build_channel_map
@@ -21,6 +20,7 @@ from sandwich_sitl.channels.check import examine
 from sandwich_sitl.channels.flow import flow_along
 from sandwich_sitl.config import PlannerConfig, load_config
 from sandwich_sitl.errors import InputError, SandwichError
+from sandwich_sitl.options import check_writable, overrides_of, positive
 from sandwich_sitl.viewing.map_picture import draw_map
 from sandwich_sitl.world.grow import grow
 from sandwich_sitl.world.importers import read_world
@@ -37,6 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Returns the exit status: 0 drawn, 2 bad input, 4 drawn but the check failed, with the failures on stderr."""
     options = _parser().parse_args(argv)
     try:
+        check_writable("--out", options.out)
         world, planner = _world(options)
         x_min, y_min, x_max, y_max = world.bounds_m
         reach = planner.vehicle_radius_m + planner.margin_m
@@ -58,23 +59,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Draw the channel map of a map file or a run.")
     parser.add_argument("file", type=Path, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
-    parser.add_argument("--cell", type=_length, metavar="M", help="cell size")
-    parser.add_argument("--radius", type=_length, metavar="M", help="of the vehicle (default 0.4)")
-    parser.add_argument("--margin", type=_length, metavar="M", help="kept beyond the radius (default 0.6)")
+    parser.add_argument("--cell", type=positive, metavar="M", help="cell size")
+    parser.add_argument("--radius", type=positive, metavar="M", help="of the vehicle (default 0.4)")
+    parser.add_argument("--margin", type=positive, metavar="M", help="kept beyond the radius (default 0.6)")
     parser.add_argument("--flow", choices=("x", "y"), help="axis of the channels (default: the longer side)")
     parser.add_argument("--title", help="over the picture (default: the file's name)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="an import option, as gap_m=1.5"
     )
     return parser
-
-
-def _length(text: str) -> float:
-    """Metres, more than nothing."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} must be greater than 0")
-    return value
 
 
 def _world(options: argparse.Namespace) -> tuple[World, PlannerConfig]:
@@ -86,7 +79,7 @@ def _world(options: argparse.Namespace) -> tuple[World, PlannerConfig]:
         "flow": options.flow,
     }
     changes = {key: value for key, value in given.items() if value is not None}
-    overrides = dict(_item(text) for text in options.set)
+    overrides = overrides_of(options.set)
     if is_run_file(options.file):
         config = load_config(options.file, overrides | {f"planner.{key}": value for key, value in changes.items()})
         return load_world(config.world, options.file), config.planner
@@ -95,7 +88,7 @@ def _world(options: argparse.Namespace) -> tuple[World, PlannerConfig]:
     try:
         for key, value in overrides.items():
             put(data, key, value)
-        section = TypeAdapter(WorldConfig).validate_json(json.dumps(data))
+        section = TypeAdapter(WorldConfig).validate_json(json.dumps(data, default=str))
     except ValidationError as error:
         loc, text = first_problem(error)
         raise InputError(f"--set {dotted(loc)}: {text}") from error
@@ -104,13 +97,6 @@ def _world(options: argparse.Namespace) -> tuple[World, PlannerConfig]:
         x_min, y_min, x_max, y_max = world.bounds_m
         planner = dataclasses.replace(planner, cell_m=max(x_max - x_min, y_max - y_min) / _CELLS)
     return world, planner
-
-
-def _item(text: str) -> tuple[str, Any]:
-    key, separator, value = text.partition("=")
-    if not separator or not key:
-        raise InputError(f"--set {text}: must be KEY=VALUE, such as gap_m=1.5")
-    return key, yaml.safe_load(value)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,8 @@ def read(path: Path) -> tuple[FlightPlan, Track | None]:
     if path.suffix == ".npz":
         return load_plan(path), None
     log = RunLog.read(path)
+    if log.notice is not None:
+        print(log.notice, file=sys.stderr)
     if log.plan is None:
         raise InputError(f"{path}: holds no plan, so there is nothing to draw")
     inside = [any(a <= t < b for a, b in active_spans(log)) for t in log.truth.t_s.tolist()]

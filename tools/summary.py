@@ -22,10 +22,10 @@ def main() -> int:
     except SandwichError as error:
         print(error, file=sys.stderr)
         return error.exit_status
+    if log.notice is not None:
+        print(log.notice, file=sys.stderr)
     summary = summarise(log)
     print(json.dumps(summary, indent=2) if options.json else format_summary(summary))
-    if log.truncated:
-        print(f"{options.run}: is cut off; the numbers cover what was written", file=sys.stderr)
     return 0
 
 

@@ -6,6 +6,7 @@
 import argparse
 import dataclasses
 import gc
+import math
 import os
 import signal
 import sys
@@ -57,8 +58,26 @@ def build_parser() -> argparse.ArgumentParser:
     add("--contract", action="store_true", help="print the state machine, modes and failsafes, and end")
     add("--parameters", action="store_true", help="print the parameter table, and end")
     add("--physics", action="store_true", help="print what physics and loops do beside what they should, and end")
-    add("--bench", type=float, nargs="?", const=60.0, metavar="SECONDS", help="print how fast the vehicle is, and end")
+    add(
+        "--bench",
+        type=_seconds,
+        nargs="?",
+        const=60.0,
+        metavar="SECONDS",
+        help="print how fast the vehicle is, and end",
+    )
     return parser
+
+
+def _seconds(text: str) -> float:
+    """An argparse type: how long a flight lasts."""
+    try:
+        seconds = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds") from error
+    if not 1.0 <= seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} must be at least 1")
+    return seconds
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -89,7 +108,7 @@ def _print(arguments: argparse.Namespace) -> int:
     if arguments.physics:
         print(figures.describe(figures.physics_figures(config)))
     if arguments.bench is not None:
-        print(bench.describe(bench.run_bench(max(1.0, arguments.bench), config)))
+        print(bench.describe(bench.run_bench(arguments.bench, config)))
     return 0
 
 
@@ -154,9 +173,9 @@ def _fly(arguments: argparse.Namespace) -> int:
 
 def _range_sensor(config: RunConfig, surroundings: Path | None) -> RangeSensor | None:
     """The sensor, which sees hidden obstacles and those of the map alike."""
+    known = read_obstacles(surroundings) if surroundings is not None else ()
     if config.vehicle.range_sensor is None:
         return None
-    known = read_obstacles(surroundings) if surroundings is not None else ()
     scene = Scene.of((*config.vehicle.obstacles, *known), config.start_m)
     return RangeSensor(config.vehicle.range_sensor, scene, config.seed)
 
@@ -199,7 +218,7 @@ def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
             raise ConfigError(f"--set {item}: must be KEY=VALUE, such as vehicle.initial_yaw_deg=90")
         try:
             overrides[key] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"--set {item}: the value is not valid YAML") from error
     options = {"clock.mode": arguments.clock, "clock.speed": arguments.speed, "seed": arguments.seed}
     return overrides | {key: value for key, value in options.items() if value is not None}

@@ -2,13 +2,10 @@
 
 import argparse
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import check_program, overrides_of, positive, whole
 
 
 def register(benches: Any) -> None:
@@ -16,12 +13,14 @@ def register(benches: Any) -> None:
     parser: argparse.ArgumentParser = benches.add_parser("loop", help="the lockstep loop's speed, part by part")
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the run's YAML file")
     parser.add_argument("--solver", action="append", default=[], metavar="NAME", help="an mpc.solver; may be repeated")
-    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="plain flights for the factor (default 3)")
+    parser.add_argument(
+        "--repeat", type=whole(1), default=3, metavar="N", help="plain flights for the factor (default 3)"
+    )
     parser.add_argument("--rotorpy", metavar="PYTHON", help="interpreter of an environment with RotorPy")
-    parser.add_argument("--peer-seconds", type=float, default=20.0, metavar="S", help="length of RotorPy's flight")
+    parser.add_argument("--peer-seconds", type=positive, default=20.0, metavar="S", help="length of RotorPy's flight")
     parser.add_argument(
         "--realtime",
-        type=float,
+        type=positive,
         metavar="S",
         help="instead: the vehicle in real time, S seconds at each of three speeds",
     )
@@ -30,8 +29,7 @@ def register(benches: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if arguments.repeat < 1:
-        raise InputError("--repeat: must be at least 1")
+    check_program("--rotorpy", arguments.rotorpy)
     return _lockstep(arguments) if arguments.realtime is None else _realtime(arguments.config, arguments.realtime)
 
 
@@ -54,7 +52,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.loop_peer import fly_rotorpy, interpreter
     from sandwich_sitl.recording.reader import RunLog
 
-    given = _overrides(arguments.set)
+    given = overrides_of(arguments.set)
     solvers = [{"mpc.solver": name} for name in arguments.solver] or [{}]
     factors, tables = [FACTORS_HEAD], []
     with tempfile.TemporaryDirectory() as folder:
@@ -72,13 +70,3 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     assert plan is not None
     print(fly_rotorpy(interpreter(arguments.rotorpy), plan.reference, arguments.peer_seconds))
     return 0
-
-
-def _overrides(items: Sequence[str]) -> dict[str, Any]:
-    overrides: dict[str, Any] = {}
-    for item in items:
-        key, separator, text = item.partition("=")
-        if not separator or not key:
-            raise InputError(f"--set {item}: must be KEY=VALUE, such as mpc.solver=active_set")
-        overrides[key] = yaml.safe_load(text)
-    return overrides

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import check_writable, whole
 
 if TYPE_CHECKING:
     from sandwich_sitl.bench.map_bench import SizeFigures, UpdateFigures
@@ -25,8 +25,10 @@ def register(benches: Any) -> None:
     parser: argparse.ArgumentParser = benches.add_parser(
         "map", help="time, growth and memory of the channel map, with peers"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the town that is mapped (default 1)")
-    parser.add_argument("--obstacles", type=int, default=60, metavar="N", help="obstacles of the town (default 60)")
+    parser.add_argument("--seed", type=whole(0), default=1, metavar="N", help="of the town that is mapped (default 1)")
+    parser.add_argument(
+        "--obstacles", type=whole(1), default=60, metavar="N", help="obstacles of the town (default 60)"
+    )
     parser.add_argument("--config", type=Path, metavar="FILE", help="the world of this run instead of a town")
     parser.add_argument(
         "--nodes",
@@ -35,7 +37,7 @@ def register(benches: Any) -> None:
         metavar="N,N",
         help=f"sizes, about (default {','.join(map(str, _NODES))})",
     )
-    parser.add_argument("--repeat", type=_count, default=3, metavar="K", help="best of K (default 3)")
+    parser.add_argument("--repeat", type=whole(1), default=3, metavar="K", help="best of K (default 3)")
     parser.add_argument(
         "--peer-timeout", type=float, default=60.0, metavar="S", help="give a peer up after S seconds; 0: no peers"
     )
@@ -44,14 +46,7 @@ def register(benches: Any) -> None:
 
 
 def _counts(text: str) -> tuple[int, ...]:
-    return tuple(_count(item) for item in text.split(","))
-
-
-def _count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return count
+    return tuple(map(whole(1), text.split(",")))
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -60,8 +55,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.map_peers import measure_peers
     from sandwich_sitl.bench.map_worlds import town, world_of
 
-    if arguments.json is not None and not arguments.json.parent.is_dir():
-        raise InputError(f"--json {arguments.json}: there is no folder {arguments.json.parent}")
+    check_writable("--json", arguments.json)
     world = world_of(arguments.config) if arguments.config else town(arguments.seed, arguments.obstacles)
     sizes: list[SizeFigures] = []
     for nodes in arguments.nodes:

@@ -5,9 +5,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import overrides_of
 
 
 def register(benches: Any) -> None:
@@ -26,7 +25,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.tick import tick_cost
     from sandwich_sitl.bench.tick_realtime import deadlines
 
-    overrides = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
+    overrides = overrides_of(arguments.set)
     if arguments.repeat < 1:
         raise InputError("--repeat: must be at least 1")
     with tempfile.TemporaryDirectory() as folder:

@@ -9,9 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.options import check_writable, overrides_of
 
 if TYPE_CHECKING:
     from sandwich_sitl.bench.tracking import Flown
@@ -52,7 +51,8 @@ def _run(arguments: argparse.Namespace) -> int:
         conditions = {name: changes for name, changes in conditions.items() if arguments.only in name}
     if not conditions or arguments.seeds < 1:
         raise InputError("--only, --seeds: leave no flight; the conditions are " + ", ".join(all_conditions))
-    overrides = {key: yaml.safe_load(text) for key, _, text in (item.partition("=") for item in arguments.set)}
+    overrides = overrides_of(arguments.set)
+    check_writable("--json", arguments.json)
 
     flights: list[Flown] = []
     scene = town_scene if arguments.towns else None

@@ -68,9 +68,15 @@ class VehicleEstimator:
         self.motion = state.copy()
 
     def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
-        """A new estimate of a vehicle that is at `state` (12,) and keeps only its delay."""
+        """A new estimate of a vehicle that seems to have followed `state` (12,) at its speed up to `t_s`: the delay and
+        the place of the error are kept.
+        """
         fresh = VehicleEstimator(self._config, self._period_s, t_s, state)
         fresh.delay_s = self.delay_s
+        fresh._error[0] = self._error[0]
+        ago_s = self._period_s * np.arange(_KEPT)[::-1]
+        fresh._times, fresh._newest = t_s - ago_s, _KEPT - 1
+        fresh._states[:, :3] -= ago_s[:, None] * state[3:6]
         return fresh
 
     @property

@@ -96,6 +96,11 @@ class RunLog:
             digests=payload_digests(raw),
         )
 
+    @property
+    def notice(self) -> str | None:
+        """What whoever uses the log must be told, if anything."""
+        return f"{self.path}: is cut off; what follows covers what was written" if self.truncated else None
+
     def frames_of(self, topic: str) -> tuple[Frame, ...]:
         """Frames of one topic, in order."""
         return tuple(frame for frame in self.frames if frame.topic == topic)

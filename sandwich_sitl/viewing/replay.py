@@ -37,6 +37,8 @@ def replay(path: Path, save: Path | None = None) -> None:
     Raises `InputError` when the log cannot be read or `save` cannot be written, `SandwichError` when the viewer fails.
     """
     log = RunLog.read(path)
+    if log.notice is not None:
+        print(log.notice, file=sys.stderr)
     if save is not None:
         write_recording(log, save)
         return

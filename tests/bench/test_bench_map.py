@@ -128,10 +128,3 @@ def test_bad_counts_are_refused(arguments: list[str], capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit):
         main(["bench", "map", *arguments])
     assert arguments[0] in capsys.readouterr().err
-
-
-def test_a_folder_that_is_not_there_is_named_before_the_work(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert main(["bench", "map", "--json", str(tmp_path / "none" / "map.json")]) == 2
-    assert "there is no folder" in capsys.readouterr().err

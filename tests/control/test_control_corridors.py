@@ -82,7 +82,7 @@ def _rest_of_the_plan(
     sigma = tracker._stop_sigma(stop.progress(times)[0] + accepted.delay_s)
     index = np.clip(np.rint(sigma / DT), 0, len(reference.t_s) - 1).astype(np.int64)
     aimed = states[:, :3] + accepted.offset_m
-    return outside(aimed, corridor.Lambda, corridor.Gamma, reference.region[index])[1]
+    return outside(aimed, corridor.Lambda, corridor.Gamma, reference.region[index]).max()
 
 
 def test_forty_random_corridors() -> None:

@@ -39,6 +39,29 @@ def test_summary_says_when_a_log_is_cut(run_path: Path, tmp_path: Path) -> None:
     assert "is cut off" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("script", "options"),
+    [("compare.py", ["{cut}"]), ("export.py", ["--csv", "{out}"]), ("figures.py", ["--out", "{out}"])],
+)
+def test_every_tool_says_when_a_log_is_cut(run_path: Path, tmp_path: Path, script: str, options: list[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(run_path.read_bytes()[:-100])
+    given = [option.format(cut=cut, out=tmp_path / "out") for option in options]
+    result = call(script, cut, *given)
+    assert result.returncode == 0, result.stderr
+    assert f"{cut}: is cut off" in result.stderr
+    assert (
+        "cut off"
+        not in call(script, run_path, *(option.format(cut=run_path, out=tmp_path) for option in options)).stderr
+    )
+
+
+def test_no_client_program_is_no_success(tmp_path: Path) -> None:
+    result = call("client_matrix.py", "--clients", tmp_path)
+    assert result.returncode == 2
+    assert "no client program was flown" in result.stderr
+
+
 def test_compare_tells_equal_from_different(run_path: Path, tmp_path: Path) -> None:
     same = run_samples.write_run(tmp_path)
     assert "all topics equal" in call("compare.py", run_path, same).stdout
@@ -140,3 +163,18 @@ def test_a_bad_option_of_the_map_picture_is_one_line(tmp_path: Path, arguments: 
     result = call("map_picture.py", town, "--out", tmp_path / "map.png", *arguments)
     assert result.returncode == 2
     assert words in result.stderr
+
+
+@pytest.mark.parametrize("item", ["gap_m=[1", "gap_m"])
+def test_a_picture_of_a_map_wants_key_and_value(tmp_path: Path, item: str) -> None:
+    result = call("map_picture.py", ROOT / "configs" / "open.yaml", "--out", tmp_path / "map.png", "--set", item)
+    assert result.returncode == 2
+    assert result.stderr.startswith(f"--set {item}: ")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--rotorpy=/none/python", "--seconds=-1", "--seconds=nan"])
+def test_the_vehicles_bench_refuses_what_it_cannot_do(option: str) -> None:
+    result = call("bench_vehicle.py", option)
+    assert result.returncode == 2
+    assert option.partition("=")[2] in result.stderr.splitlines()[-1]

@@ -372,6 +372,9 @@ def test_bad_configuration_is_one_line_and_status_2(
         [],
         ["--connect", "udpout://127.0.0.1:9", "--set", "vehicle.wind.gusts=3"],
         ["--connect", "udpout://127.0.0.1:9", "--speed", "-1"],
+        ["--connect", "udpout://127.0.0.1:9", "--set", "seed=[1"],
+        ["--connect", "udpout://127.0.0.1:9", "--set", "seed=2001-13-41"],
+        ["--connect", "udpout://127.0.0.1:9", "--bind", "127.0.0.1:0", "--surroundings", "/none/obstacles.json"],
         ["--connect", "udpout://127.0.0.1:9", "--bind", "127.0.0.1:0", "--log", "/dev/null/log.mcap"],
     ],
 )
@@ -380,6 +383,14 @@ def test_bad_options_are_one_line_and_status_2(
 ) -> None:
     assert main([str(config), *options]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("seconds", ["-5", "0", "nan", "long"])
+def test_a_bench_that_lasts_no_time(capsys: pytest.CaptureFixture[str], seconds: str) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main([f"--bench={seconds}"])
+    assert stopped.value.code == 2
+    assert f"argument --bench: {seconds}" in capsys.readouterr().err
 
 
 def test_sections_of_others_are_passed_over_and_overrides_win(config: Path) -> None:

@@ -107,6 +107,28 @@ def test_bad_options_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert message.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "key"),
+    [
+        ("boxes.wkt", "cell_m=2", "cell_m"),
+        ("town.geojson", "unknown_is_free=true", "unknown_is_free"),
+        ("room.yaml", "passable=G", "passable"),
+        ("arena.map", "repair=true", "repair"),
+        ("arena.map", "storey_m=4", "storey_m"),
+        ("boxes.csv", "where.name=a", "where"),
+        ("boxes.csv", "window_deg=[1, 2, 3, 4]", "window_deg"),
+    ],
+)
+def test_a_key_of_another_format_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, key: str
+) -> None:
+    MAPS[name](tmp_path)
+    assert main(["world", str(tmp_path / name), "--out", str(tmp_path), "--set", text]) == 2
+    message = capsys.readouterr().err
+    assert f"{name}: {key}: is for " in message
+    assert message.count("\n") == 1
+
+
 def test_what_lies_outside_the_bounds_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     far = {"name": "far barn", "circle_m": [50, 50, 2]}
     path = run_file(tmp_path, bounds_m=[0, 0, 20, 20], obstacles=[far, {"name": "near", "circle_m": [9, 9, 2]}])

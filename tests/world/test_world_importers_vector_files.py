@@ -192,7 +192,7 @@ def test_missing_files_limits_and_options(tmp_path: Path, monkeypatch: pytest.Mo
     path.write_text("POLYGON ((0 0, 1 0, 1 1, 0 0))\n" * 3)
     with pytest.raises(InputError, match="give bounds_m instead"):
         read_world(path, ImportOptions(window_deg=(0, 0, 1, 1)))
-    with pytest.raises(InputError, match="remove the filter"):
+    with pytest.raises(InputError, match="where: is for"):
         read_world(path, ImportOptions(where={"a": "b"}))
     for name, value in (("MAX_SHAPES", 2), ("MAX_VERTICES", 10)):
         with monkeypatch.context() as patch:

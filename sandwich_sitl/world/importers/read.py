@@ -25,23 +25,25 @@ _BEGINNINGS = (
     (b"POLYGON", "WKT"), (b"MULTIPOLYGON", "WKT"), (b"GEOMETRYCOLLECTION", "WKT"), (b"name,", "CSV"),
 )  # fmt: skip
 _IN_DEGREES = ("GeoJSON", "OpenStreetMap")
+_VECTORS = (*_IN_DEGREES, "WKT", "CSV")
+_GRIDS = ("ROS map", "MovingAI")
+_FORMATS_OF = {
+    "where": _IN_DEGREES, "origin": _IN_DEGREES, "window_deg": _IN_DEGREES, "storey_m": _IN_DEGREES, "repair": _VECTORS,
+    "cell_m": ("MovingAI",), "passable": ("MovingAI",), "unknown_is_free": _GRIDS, "inside_m": _GRIDS,
+}  # fmt: skip
 
 
 def read_world(path: Path, options: ImportOptions | None = None) -> ImportedWorld:
     """Read a map of any known format. Raises `InputError` naming the file, the place in it and the fix."""
     options = options or ImportOptions()
     file_format = _format(path)
-    in_degrees = file_format in _IN_DEGREES
-    if not in_degrees and (options.window_deg or options.origin):
-        raise InputError(f"{path}: a {file_format} map is in metres; give bounds_m instead of window_deg and origin")
-    if options.where and not in_degrees:
-        raise InputError(f"{path}: a {file_format} map has no properties to filter by; remove the filter")
+    _check_options(path, file_format, options)
     if file_format == "ROS map":
         return grid_world(read_ros_map(path), file_format, options)
     if file_format == "MovingAI":
         return grid_world(read_moving_ai(path, options), file_format, options)
     window = box(*options.window_deg) if options.window_deg else None
-    found = ShapeList(str(path), in_degrees, window, options.repair or file_format == "OpenStreetMap")
+    found = ShapeList(str(path), file_format in _IN_DEGREES, window, options.repair or file_format == "OpenStreetMap")
     if file_format == "GeoJSON":
         read_geojson(path, options, found)
     elif file_format == "OpenStreetMap":
@@ -51,6 +53,17 @@ def read_world(path: Path, options: ImportOptions | None = None) -> ImportedWorl
     else:
         read_csv(path, options, found)
     return to_world(found, file_format, options)
+
+
+def _check_options(path: Path, file_format: str, options: ImportOptions) -> None:
+    """Raise `InputError` for an option that means nothing to the format; a default says nothing."""
+    unset = ImportOptions()
+    for key, formats in _FORMATS_OF.items():
+        if getattr(options, key) != getattr(unset, key) and file_format not in formats:
+            instead = "give bounds_m instead, in metres" if key == "window_deg" else "remove it"
+            raise InputError(
+                f"{path}: {key}: is for {' and '.join(formats)} alone, and means nothing to a {file_format} file; {instead}"
+            )
 
 
 def _format(path: Path) -> str:
