@@ -138,12 +138,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _offboard(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.launcher import conclude_offboard, make_plan, offboard
+    from sandwich_sitl.link.session import check_link
     from sandwich_sitl.progress import Progress
     from sandwich_sitl.recording.summary import format_summary
 
     if arguments.connect is not None:
         arguments.set.append(f"link.uri={arguments.connect}")
     config = _loaded(arguments)
+    check_link(config.link, config.clock)
     out = _out(arguments, config)
     with Progress() as progress:
         plan = make_plan(config, arguments.config, progress)

@@ -18,6 +18,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_
 from pydantic.dataclasses import dataclass
 
 from sandwich_sitl.errors import InputError
+from sandwich_sitl.link_uri import valid_uri
 from sandwich_sitl.planner_config import AltitudeM, PlannerConfig, ReplanConfig
 from sandwich_sitl.world_config import (
     STRICT,
@@ -127,7 +128,9 @@ class LinkConfig:
     """MAVLink end point of the offboard process."""
 
     uri: Annotated[
-        str, Field(description="udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, serial://DEVICE:BAUD")
+        str,
+        Field(description="udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, serial://DEVICE:BAUD"),
+        AfterValidator(valid_uri),
     ] = "udpin://127.0.0.1:14540"
     system_id: Annotated[int, Field(ge=1, le=255)] = 245
     component_id: Annotated[int, Field(ge=1, le=255)] = 191

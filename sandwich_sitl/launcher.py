@@ -22,9 +22,11 @@ from typing import Any
 
 from sandwich_sitl.config import RunConfig, config_as_dict, located
 from sandwich_sitl.errors import InputError, LinkError
+from sandwich_sitl.link.transport import check_openable
+from sandwich_sitl.link_uri import parse_uri
 from sandwich_sitl.map_store import MapStore
 from sandwich_sitl.planning.flight_plan import FlightPlan
-from sandwich_sitl.planning.plan import check_ends, plan_flight
+from sandwich_sitl.planning.plan import check_places, plan_flight
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.recording.merge import merge_logs
 from sandwich_sitl.recording.reader import RunLog
@@ -34,7 +36,6 @@ from sandwich_sitl.recording.summary import SAFETY_VIOLATION, summarise
 from sandwich_sitl.run import FlightResult, Observers, fly
 from sandwich_sitl.signals import StopRequests
 from sandwich_sitl.viewing.live import live_command
-from sandwich_sitl.world.grow import GrownWorld
 from sandwich_sitl.world.importers import ImportedWorld
 from sandwich_sitl.world.load import import_world
 from sandwich_sitl.world_report import notices
@@ -64,14 +65,10 @@ def check_vehicle_section(config: RunConfig, config_path: Path) -> None:
 
 
 def check_world(config: RunConfig, config_path: Path) -> ImportedWorld:
-    """Read the world; raise `InputError` when it cannot be, or when start or goal lies outside it or inside an obstacle."""
+    """Read the world; raise `InputError` when it cannot be, or when start or goal lies outside it or where no run may begin."""
     imported = import_world(config.world, config_path)
-    world = imported.world
-    given = GrownWorld(
-        world.bounds_m, tuple(o.polygon for o in world.obstacles), tuple(o.name for o in world.obstacles)
-    )
     try:
-        check_ends(config, given)
+        check_places(config, imported.world)
     except InputError as error:
         raise InputError(located(config, config_path, str(error))) from error
     return imported
@@ -207,19 +204,24 @@ class _Ports:
 
 def _ports(config: RunConfig, config_path: Path) -> _Ports:
     """Where the two programs meet: PX4's pair (14540, 14580) or any two 40 apart; port 0 stands for two free ones."""
-    scheme, _, address = config.link.uri.partition("://")
-    host, _, port = address.rpartition(":")
-    if scheme != "udpin" or not host or not port.isdecimal() or int(port) > _HIGHEST_PORT:
+    uri = parse_uri(config.link.uri)
+    if uri.kind != "udpin" or uri.number > _HIGHEST_PORT:
         raise InputError(
             f"{config_path}: link.uri: {config.link.uri}: `run` starts the vehicle itself and needs udpin://HOST:PORT "
             f"with PORT at most {_HIGHEST_PORT}; "
             "use `sandwich-sitl offboard` to fly a vehicle that is already there"
         )
-    if int(port) != 0:
-        return _Ports(address, f"{host}:{int(port) + _PORT_STEP}")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((host, 0))
-        return _Ports(f"{host}:{probe.getsockname()[1]}", f"{host}:0")
+    if uri.number == 0:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((uri.host, 0))
+            return _Ports(f"{uri.host}:{probe.getsockname()[1]}", f"{uri.host}:0")
+    ports = _Ports(f"{uri.host}:{uri.number}", f"{uri.host}:{uri.number + _PORT_STEP}")
+    check_openable(f"udpin://{ports.offboard}")
+    try:
+        check_openable(f"udpin://{ports.vehicle}")
+    except InputError as error:
+        raise InputError(f"the vehicle's port, {_PORT_STEP} above that of link.uri: {error}") from error
+    return ports
 
 
 @contextmanager

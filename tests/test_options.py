@@ -1,6 +1,7 @@
 """Bad options end in one clear line and exit status 2, before any work is done."""
 
 import argparse
+import socket
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,45 @@ def test_numbers_that_make_no_sense(arguments: list[str], words: str, capsys: py
         main(["bench", *arguments])
     assert stopped.value.code == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("uri", "words"),
+    [
+        ("foo", "link.uri: is not a connection URI"),
+        ("udpin://127.0.0.1:99999", "link.uri: port 99999"),
+        ("udpin://127.0.0.1:0", "give its number"),
+        ("udpin://192.0.2.1:14540", "give an address of this machine"),
+        ("serial:///dev/none:9600", "/dev/none cannot be opened"),
+    ],
+)
+def test_a_link_that_cannot_be_opened(uri: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--clock", "realtime", "--out", str(tmp_path / "out"), "--connect", uri]
+    assert main(["offboard", CONFIG, *options]) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_lockstep_wants_datagrams(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["offboard", CONFIG, "--out", str(tmp_path), "--connect", "tcp://127.0.0.1:5760"]) == 2
+    assert "set clock.mode to realtime" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("above", [0, 40])
+def test_a_port_that_is_taken_is_named_with_what_can_be_changed(
+    above: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        taken = holder.getsockname()[1]
+        options = ["--out", str(tmp_path), "--set", f"link.uri=udpin://127.0.0.1:{taken - above}"]
+        assert main(["run", CONFIG, *options]) == 2
+    message = capsys.readouterr().err
+    assert f"UDP port {taken} on 127.0.0.1 is occupied" in message
+    assert "--set link.uri=udpin://127.0.0.1:PORT" in message
+    assert message.count("\n") == 1
 
 
 def test_the_bounds_themselves_are_taken() -> None:

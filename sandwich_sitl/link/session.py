@@ -21,7 +21,8 @@ from sandwich_sitl.link.messages import Encoder
 from sandwich_sitl.link.outbox import Outbox
 from sandwich_sitl.link.pacing import LockstepPacer, Pacer, RealtimePacer
 from sandwich_sitl.link.telemetry import Telemetry
-from sandwich_sitl.link.transport import Transport, open_transport
+from sandwich_sitl.link.transport import Transport, check_openable, open_transport
+from sandwich_sitl.link_uri import parse_uri
 from sandwich_sitl.mission.commands import Command, SetMessageInterval
 from sandwich_sitl.mission.setpoint import Setpoint
 from sandwich_sitl.mission.vehicle_view import VehicleView
@@ -46,6 +47,19 @@ class LinkStatistics:
     late_ticks: int
     worst_late_s: float
     retries: int
+
+
+def check_link(link: LinkConfig, clock: ClockConfig) -> None:
+    """Raise `InputError` when a session could not open this link to a vehicle that is already there."""
+    _check_clock(link, clock)
+    if parse_uri(link.uri).number == 0:
+        raise InputError(f"link.uri '{link.uri}': a vehicle cannot know which port that is; give its number")
+    check_openable(link.uri)
+
+
+def _check_clock(link: LinkConfig, clock: ClockConfig) -> None:
+    if clock.mode == "lockstep" and parse_uri(link.uri).kind not in ("udpin", "udpout"):
+        raise InputError(f"clock.mode lockstep needs a UDP link, not '{link.uri}'; set clock.mode to realtime")
 
 
 class LinkSession:
@@ -77,10 +91,8 @@ class LinkSession:
         self._encoder = Encoder(link.system_id, link.component_id, origin_m)
         self._outbox = Outbox(self._encoder)
         self._inbox = Inbox(Telemetry(origin_m, (link.system_id, link.component_id)), on_frame)
+        _check_clock(link, clock)
         self._transport: Transport = open_transport(link.uri)
-        if self._lockstep and not self._transport.datagrams:
-            self._transport.close()
-            raise InputError(f"clock.mode lockstep needs a UDP link, not '{link.uri}'; set clock.mode to realtime")
         self._pacer: Pacer = (
             LockstepPacer(
                 self._transport,

@@ -1,25 +1,24 @@
 """Bytes in and out: UDP, TCP and serial lines behind one non-blocking interface.
 
-Input: a URI as MAVSDK users write it (`udpin://HOST:PORT`, `udpout://HOST:PORT`, `tcp://HOST:PORT`,
-`serial://DEVICE:BAUD`) or as pymavlink users do (`udpin:HOST:PORT`). Times are wall seconds of `time.monotonic`. A
-URI that cannot be read and an occupied port raise `InputError`, anything else that keeps the link from opening
-`LinkError`. pyserial is imported when a serial line is opened.
+Input: a URI (`link_uri`). Times are wall seconds of `time.monotonic`. What this machine cannot open (a port that is taken,
+an address or a serial line that it does not have) raises `InputError`, a peer that does not answer `LinkError`. pyserial is
+imported when a serial line is opened.
 """
 
 import errno
-import re
+import os
 import select
 import socket
 import time
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from sandwich_sitl.errors import InputError, LinkError
+from sandwich_sitl.link_uri import Uri, parse_uri
 
 _RECEIVE_BUFFER = 4 << 20
 _DATAGRAM = 65535
 _CONNECT_S = 5.0
-_FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT or serial://DEVICE:BAUD"
 
 
 class Transport(Protocol):
@@ -40,36 +39,34 @@ class Transport(Protocol):
         """Give the port back."""
 
 
-@dataclass(frozen=True)
-class Uri:
-    """A link's URI in parts; `number` is a port, or the baud rate of a serial line."""
-
-    kind: str
-    host: str
-    number: int
-
-
-def parse_uri(text: str) -> Uri:
-    """Raises `InputError` for anything that is not one of the four forms."""
-    match = re.fullmatch(r"(udpin|udpout|tcp|serial):(?://)?(.+):(\d+)", text)
-    if match is None:
-        raise InputError(f"link.uri '{text}' is not a connection URI; write {_FORMS}")
-    kind, host, number = match[1], match[2].strip("[]"), int(match[3])
-    if kind != "serial" and not 0 < number < 65536:
-        raise InputError(f"link.uri '{text}': port {number} is not within 1..65535")
-    if kind == "serial" and number == 0:
-        raise InputError(f"link.uri '{text}': the baud rate must be positive, for example 57600")
-    return Uri(kind, host, number)
-
-
 def open_transport(text: str) -> Transport:
     """Open the link that `text` names. Raises `InputError` or `LinkError`."""
-    uri = parse_uri(text)
+    uri = _read(text)
     if uri.kind == "serial":
         return SerialTransport(uri)
     if uri.kind == "tcp":
         return TcpTransport(uri)
     return UdpTransport(uri)
+
+
+def check_openable(text: str) -> None:
+    """Raise `InputError` for a link that this machine cannot open. Nothing is sent; a TCP peer is not asked."""
+    uri = _read(text)
+    if uri.kind == "serial" and not Path(uri.host).exists():
+        raise InputError(_no_line(uri, "No such file or directory"))
+    if uri.kind in ("udpin", "udpout"):
+        UdpTransport(uri).close()
+
+
+def _read(text: str) -> Uri:
+    try:
+        return parse_uri(text)
+    except ValueError as error:
+        raise InputError(f"link.uri '{text}': {error}") from error
+
+
+def _no_line(uri: Uri, reason: str) -> str:
+    return f"link.uri: serial line {uri.host} cannot be opened ({reason}); give the device of one that is there"
 
 
 class UdpTransport:
@@ -135,10 +132,13 @@ class UdpTransport:
             self._socket.close()
             if error.errno == errno.EADDRINUSE:
                 raise InputError(
-                    f"UDP port {uri.number} on {uri.host} is occupied by another process; "
-                    "end that process or give another port in link.uri"
+                    f"UDP port {uri.number} on {uri.host} is occupied by another process; end that process or give another "
+                    f"port, as --set link.uri=udpin://{uri.host}:PORT"
                 ) from error
-            raise LinkError(f"cannot listen on {uri.host}:{uri.number}: {error.strerror}") from error
+            raise InputError(
+                f"link.uri: cannot listen on {uri.host}:{uri.number} ({error.strerror}); give an address of this machine, "
+                "such as 127.0.0.1, or 0.0.0.0 for all of them, and a port above 1023"
+            ) from error
 
 
 class TcpTransport:
@@ -204,7 +204,8 @@ class SerialTransport:
         try:
             self._line = serial.Serial(uri.host, uri.number, timeout=0, write_timeout=0.1)
         except serial.SerialException as error:
-            raise LinkError(f"cannot open serial line {uri.host}: {error}") from error
+            reason = os.strerror(error.errno) if error.errno else str(error)
+            raise InputError(_no_line(uri, reason)) from error
 
     def receive(self, deadline: float) -> bytes | None:
         """Whatever bytes there are."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from sandwich_sitl.planning.routes import Route
 from sandwich_sitl.planning.shortest import ShortPath, shortest_path
 
 Array = NDArray[np.float64]
-Mapped = tuple[ChannelMap, MapGraph, Route]
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -57,13 +58,13 @@ class Baselines:
 
 
 def mapped_floors(
-    floors: Sequence[Floor], search: Callable[[Floor], Mapped]
-) -> tuple[list[tuple[Floor, Mapped]], list[Refused]]:
+    floors: Sequence[Floor], search: Callable[[Floor], Found]
+) -> tuple[list[tuple[Floor, Found]], list[Refused]]:
     """What the search finds on each floor, and the floors on which it finds nothing.
 
     Raises what it raised on the highest floor when it finds nothing on any.
     """
-    found: list[tuple[Floor, Mapped]] = []
+    found: list[tuple[Floor, Found]] = []
     refused: list[Refused] = []
     last: SandwichError | None = None
     for floor in floors:

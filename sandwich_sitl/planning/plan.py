@@ -56,10 +56,7 @@ def plan_flight(
     """
     planner = config.planner
     on_stage("grow obstacles")
-    check_size(config, world)
-    floors = route_floors(config, world, min(_DETAIL * planner.cell_m, _DETAIL * planner.margin_m))
-    if planner.floors_m:
-        check_ground(config, world)
+    floors = _floors(config, world)
     on_stage("channel map")
     start, goal = np.array(config.start_m, dtype=float), np.array(config.goal_m, dtype=float)
     mapped, refused = mapped_floors(floors, lambda floor: _map_and_route(config, floor.grown, maps, start, goal))
@@ -103,6 +100,20 @@ def plan_flight(
         flight=flight,
         floors=floor_plan(config, routes, compared, refused, reference) if planner.floors_m else None,
     )
+
+
+def check_places(config: RunConfig, world: World) -> None:
+    """Raise `InputError` for what `plan_flight` refuses before it maps: start or goal not free on any floor, a world too large."""
+    mapped_floors(_floors(config, world), lambda floor: check_ends(config, floor.grown))
+
+
+def _floors(config: RunConfig, world: World) -> tuple[Floor, ...]:
+    planner = config.planner
+    check_size(config, world)
+    floors = route_floors(config, world, _DETAIL * min(planner.cell_m, planner.margin_m))
+    if planner.floors_m:
+        check_ground(config, world)
+    return floors
 
 
 def _shortened(

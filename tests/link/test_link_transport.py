@@ -10,7 +10,8 @@ from fake_autopilot import free_port
 from sandwich_sitl.config import ClockConfig, LinkConfig
 from sandwich_sitl.errors import InputError, LinkError
 from sandwich_sitl.link.session import LinkSession
-from sandwich_sitl.link.transport import Uri, open_transport, parse_uri
+from sandwich_sitl.link.transport import check_openable, open_transport
+from sandwich_sitl.link_uri import Uri, parse_uri
 
 HOST = "127.0.0.1"
 
@@ -19,6 +20,7 @@ HOST = "127.0.0.1"
     ("text", "uri"),
     [
         ("udpin://127.0.0.1:14540", Uri("udpin", HOST, 14540)),
+        ("udpin://127.0.0.1:0", Uri("udpin", HOST, 0)),
         ("udpin:127.0.0.1:14540", Uri("udpin", HOST, 14540)),
         ("udpout://drone.local:14580", Uri("udpout", "drone.local", 14580)),
         ("udpout:[::1]:14580", Uri("udpout", "::1", 14580)),
@@ -31,12 +33,13 @@ def test_uris(text: str, uri: Uri) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "udp://1.2.3.4:5", "udpin://host", "udpin://h:70000", "tcp://h:x", "serial:///d:0"]
+    "text", ["", "udp://1.2.3.4:5", "udpin://host", "udpin://h:70000", "udpout://h:0", "tcp://h:x", "serial:///d:0"]
 )
 def test_bad_uris_name_the_key(text: str) -> None:
-    with pytest.raises(InputError, match=r"link\.uri") as caught:
-        parse_uri(text)
-    assert "\n" not in str(caught.value)
+    for use in (open_transport, check_openable):
+        with pytest.raises(InputError, match=r"link\.uri") as caught:
+            use(text)
+        assert "\n" not in str(caught.value)
 
 
 def test_occupied_port_names_port_and_fix() -> None:
@@ -45,6 +48,15 @@ def test_occupied_port_names_port_and_fix() -> None:
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=rf"{port}.*occupied.*link\.uri"):
             open_transport(f"udpin://{HOST}:{port}")
+        with pytest.raises(InputError, match=rf"{port}.*occupied.*link\.uri"):
+            check_openable(f"udpin://{HOST}:{port}")
+    check_openable(f"udpin://{HOST}:{port}")
+
+
+def test_an_address_of_another_machine() -> None:
+    for use in (open_transport, check_openable):
+        with pytest.raises(InputError, match=r"192\.0\.2\.1:14540 .*give an address of this machine"):
+            use("udpin://192.0.2.1:14540")
 
 
 def test_nobody_listening_on_tcp() -> None:
@@ -53,8 +65,9 @@ def test_nobody_listening_on_tcp() -> None:
 
 
 def test_missing_serial_line(tmp_path: Path) -> None:
-    with pytest.raises(LinkError, match="cannot open serial line"):
-        open_transport(f"serial://{tmp_path / 'tty'}:57600")
+    for use in (open_transport, check_openable):
+        with pytest.raises(InputError, match=r"tty cannot be opened \(No such file or directory\); give the device"):
+            use(f"serial://{tmp_path / 'tty'}:57600")
 
 
 def test_unknown_host() -> None:

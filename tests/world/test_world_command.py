@@ -141,17 +141,20 @@ def test_what_lies_outside_the_bounds_is_said(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(
-    ("key", "point", "words"),
+    ("key", "value", "words"),
     [
         ("start_m", [1, 50], "run.yaml:8: start_m: (1, 50) lies outside the world"),
         ("goal_m", [9, 9], "goal_m: (9, 9) lies inside obstacle 'near'"),
+        ("goal_m", [9, 11.5], "goal_m: (9, 11.5) lies inside obstacle 'near' grown by 1 m"),
+        ("link", {"uri": "foo"}, "link.uri: is not a connection URI"),
+        ("link", {"uri": "udpin://127.0.0.1:99999"}, "link.uri: port 99999 is not within 1..65535"),
     ],
 )
-def test_config_checks_start_and_goal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, point: list[float], words: str
+def test_config_refuses_what_a_run_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, value: object, words: str
 ) -> None:
     path = run_file(tmp_path, bounds_m=[0, 0, 20, 20], obstacles=[{"name": "near", "circle_m": [9, 9, 2]}])
-    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {key: point}))
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {key: value}))
     assert main(["config", str(path)]) == 2
     assert words in capsys.readouterr().err
 
