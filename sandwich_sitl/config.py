@@ -29,7 +29,7 @@ from sandwich_sitl.world_config import (
     WorldConfig,
     for_vehicle,
 )
-from sandwich_sitl.yaml_document import YamlDocument, place, wrong
+from sandwich_sitl.yaml_document import YamlDocument, place, value_at, wrong
 
 __all__ = [
     "ClockConfig",
@@ -249,11 +249,8 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
 
 def located(config: RunConfig, path: Path, problem: str) -> str:
     """A problem that begins with its key ("start_m: ..."), with the file and the key's line before it."""
-    key = problem.partition(":")[0]
-    value: Any = config_as_dict(config)
-    for name in key.split("."):
-        value = value.get(name) if isinstance(value, dict) else None
-    return f"{place(path, key, value)}: {problem}"
+    loc = problem.partition(":")[0].split(".")
+    return f"{place(path, loc, value_at(config_as_dict(config), loc))}: {problem}"
 
 
 def config_schema() -> dict[str, Any]:

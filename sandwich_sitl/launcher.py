@@ -39,6 +39,7 @@ from sandwich_sitl.viewing.live import live_command
 from sandwich_sitl.world.importers import ImportedWorld
 from sandwich_sitl.world.load import import_world
 from sandwich_sitl.world_report import notices
+from sandwich_sitl.yaml_document import place, value_at
 from vehicle_sim.config import parse_vehicle_section, vehicle_schema
 from vehicle_sim.errors import VehicleError
 
@@ -58,8 +59,12 @@ class RunResult:
 
 def check_vehicle_section(config: RunConfig, config_path: Path) -> None:
     """Raise `InputError` when the `vehicle` section is not one the vehicle would accept."""
+
+    def place_of(loc: Sequence[int | str]) -> str:
+        return place(config_path, loc, value_at({"vehicle": config.vehicle}, loc))
+
     try:
-        parse_vehicle_section(config.vehicle, str(config_path))
+        parse_vehicle_section(config.vehicle, str(config_path), place_of)
     except VehicleError as error:
         raise InputError(str(error)) from error
 

@@ -97,7 +97,7 @@ class YamlDocument:
         """One line for the first problem: file, line, key path, what is wrong, what would be right."""
         loc, text = first_problem(error)
         key = dotted(loc)
-        if any(key.startswith(path) for path in self.overridden):
+        if any(key == path or key.startswith((f"{path}.", f"{path}[")) for path in self.overridden):
             return f"{self.path}, overridden on the command line: {key}: {text}"
         return f"{self.path}:{self.line(loc)}: {key}: {text}"
 
@@ -112,17 +112,28 @@ class YamlDocument:
         return int(node.start_mark.line) + 1
 
 
-def place(path: Path, key_path: str, value: object) -> str:
-    """`FILE:LINE` of a key that has this value in the file; `FILE` where it has another, by override or default."""
+def place(path: Path, loc: Sequence[int | str], value: object) -> str:
+    """`FILE:LINE` of a key that has this value in the file; `FILE` where it has another, by override or default.
+
+    A key that is missing has the value None.
+    """
     try:
         document = YamlDocument.read(path)
     except InputError:
         return str(path)
-    keys = key_path.split(".")
-    given: Any = document.data
-    for key in keys:
-        given = given.get(key) if isinstance(given, dict) else None
-    return f"{path}:{document.line(keys)}" if given is not None and given == value else str(path)
+    return f"{path}:{document.line(loc)}" if value_at(document.data, loc) == value else str(path)
+
+
+def value_at(data: Any, loc: Sequence[int | str]) -> Any:
+    """The value of a key in nested mappings and lists; None where it is missing."""
+    for part in loc:
+        if isinstance(data, dict):
+            data = data.get(part)
+        elif isinstance(data, list | tuple) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        else:
+            return None
+    return data
 
 
 def put(data: dict[str, Any], key_path: str, value: Any) -> None:
@@ -147,7 +158,7 @@ def first_problem(error: ValidationError) -> tuple[tuple[int | str, ...], str]:
     loc = tuple(part for part in first["loc"] if not _is_union_label(part))
     if first["type"] == "wrong_key":
         loc = (*loc, *first["ctx"]["key"].split("."))
-    return loc, _advice(first) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
+    return loc, _advice(first, loc) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
 
 
 def _written_out(node: yaml.Node, sizes: dict[int, int]) -> int:
@@ -189,18 +200,26 @@ def dotted(loc: Sequence[int | str]) -> str:
     return text or "(file)"
 
 
-def _advice(problem: Any) -> str:
+def _advice(problem: Any, loc: Sequence[int | str]) -> str:
     kind, given = problem["type"], problem.get("input")
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         return "is not a known key; `sandwich-sitl config --schema` lists the keys"
     if kind in ("missing", "missing_argument"):
-        return "is missing; add it (its unit is the end of its name)"
-    message = problem["msg"].removeprefix("Value error, ")
+        return "is missing; the list is too short" if loc and isinstance(loc[-1], int) else "is missing; add it"
+    if kind == "too_short":
+        return f"must have at least {problem['ctx']['min_length']} elements, has {problem['ctx']['actual_length']}"
+    message = "must be a section of keys" if kind in ("dataclass_type", "dict_type") else _plain(problem["msg"])
     if kind in ("wrong_key", "value_error") and isinstance(given, dict | list | tuple):
         return str(message)
     shown = json.dumps(given, default=str)
     hint = _as_yaml_number(given) if kind in ("float_type", "int_type") else ""
     return f"{message}, got {shown if len(shown) <= 60 else shown[:57] + '...'}{hint}"
+
+
+def _plain(message: str) -> str:
+    """Pydantic's words as ours."""
+    message = message.removeprefix("Value error, ").replace("Input should be", "must be")
+    return message.replace("a valid integer", "a whole number").replace("a valid ", "a ")
 
 
 def _as_yaml_number(given: object) -> str:

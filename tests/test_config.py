@@ -10,9 +10,11 @@ import yaml
 
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.launcher import make_plan
+from sandwich_sitl.launcher import check_vehicle_section, make_plan
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.world.load import load_world
+from vehicle_sim.config import load_run
+from vehicle_sim.errors import ConfigError
 
 CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))
 
@@ -79,7 +81,7 @@ def test_the_good_file_is_good(tmp_path: Path) -> None:
         ("start_m: [4, 15]", "start_m: {x: 4}", 5, ("start_m",)),
         ("[25, 20], ", "[25], ", 4, ("world.obstacles[0].polygon_m[2]", "missing")),
         ("altitude_m: 8", "altitude_m: 8\nclock: {mode: fast}", 8, ("clock.mode", "realtime", '"fast"')),
-        ("altitude_m: 8", "altitude_m: 8\nseed: 1.5", 8, ("seed", "integer")),
+        ("altitude_m: 8", "altitude_m: 8\nseed: 1.5", 8, ("seed", "whole number")),
         ("altitude_m: 8", "altitude_m: 8\nzenoh: {enabled: 1}", 8, ("zenoh.enabled", "boolean")),
         ("altitude_m: 8", "altitude_m: 8\nplanner: 3", 9, ("'planner' stands twice",)),
         ("altitude_m: 8", "altitude_m: 8\naltitude_m: 9", 8, ("'altitude_m' stands twice",)),
@@ -132,10 +134,15 @@ def test_bad_value_is_named_with_file_line_key_and_fix(
             4,
             ("world.obstacles[0]:", "exactly one"),
         ),
-        ("[25, 10], [25, 20]", "[1e200, 10], [25, 20]", 4, ("polygon_m[1][0]", "valid number", "write 1.0e+200")),
+        ("[25, 10], [25, 20]", "[1e200, 10], [25, 20]", 4, ("polygon_m[1][0]", "must be a number", "write 1.0e+200")),
         ("[25, 10], [25, 20]", "[1.0e+200, 10], [25, 20]", 4, ("polygon_m[1][0]", "less than or equal to 10000000")),
         ("[0, 0, 40, 30]", "[40, 0, 0, 30]", 2, ("world.bounds_m", "has no area", "x_min")),
-        ("{name: box,", "{name: box, height_m: tall,", 4, ("world.obstacles[0].height_m", "valid number", '"tall"')),
+        (
+            "{name: box,",
+            "{name: box, height_m: tall,",
+            4,
+            ("world.obstacles[0].height_m", "must be a number", '"tall"'),
+        ),
         ("{name: box,", "{name: box, height_m: -3,", 4, ("world.obstacles[0].height_m", "greater than 0", "-3")),
         ("  bounds_m: [0, 0, 40, 30]\n", "", 1, ("world:", "neither bounds_m nor file")),
         ("start_m: [4, 15]", "start_m: [20, 15]", 5, ("start_m: (20, 15)", "inside obstacle 'box'", "move it")),
@@ -165,6 +172,38 @@ def test_bad_world_is_named_with_line_key_and_fix(
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize(
+    ("section", "place", "words"),
+    [
+        ("vehicle:\n  wind:\n    mean_enu_mps: [1, 2]", ":14", "mean_enu_mps[2]: is missing; the list is too short"),
+        ("vehicle:\n\n  parameters: {FOO: 3}", ":14", "`vehicle-sim --parameters` lists them"),
+        ("vehicle:\n  failures:\n    - {part: motor}", ":14", "vehicle.failures[0].at_s: is missing; add it"),
+        ("vehicle: {battery: {cells: four}}", ":12", 'vehicle.battery.cells: must be a whole number, got "four"'),
+    ],
+)
+def test_the_vehicles_section_has_lines_too(tmp_path: Path, section: str, place: str, words: str) -> None:
+    """From either program."""
+    assert GOOD.count("\n") == 11
+    path = written(tmp_path, f"{GOOD}{section}\n")
+    with pytest.raises(InputError) as caught:
+        check_vehicle_section(load_config(path), path)
+    assert str(caught.value).startswith(f"{path}{place}: vehicle.")
+    assert words in str(caught.value)
+    with pytest.raises(ConfigError) as by_itself:
+        load_run(path)
+    assert str(by_itself.value) == str(caught.value)
+
+
+def test_an_overridden_value_of_the_vehicle_has_no_line(tmp_path: Path) -> None:
+    path = written(tmp_path, f"{GOOD}vehicle: {{battery: {{cells: 4}}}}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_run(path, {"vehicle.battery.cells": 0})
+    assert str(caught.value).startswith(f"{path}, overridden on the command line: vehicle.battery.cells: must be")
+    with pytest.raises(InputError) as of_run:
+        check_vehicle_section(load_config(path, {"vehicle.battery.cells": 0}), path)
+    assert str(of_run.value).startswith(f"{path}: vehicle.battery.cells: must be")
 
 
 def test_an_overridden_value_has_no_line(tmp_path: Path) -> None:

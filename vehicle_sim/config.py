@@ -6,7 +6,7 @@ other programs and is passed over. Keys carry their units; ENU where a key says 
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from vehicle_sim.autopilot.parameters import find_parameter_problem
+from vehicle_sim.complaints import Loc, Source, explain
 from vehicle_sim.errors import ConfigError
 from vehicle_sim.parts import (
     STRICT,
@@ -110,17 +111,21 @@ def vehicle_schema() -> dict[str, Any]:
     return schema
 
 
-def parse_vehicle_section(mapping: Mapping[str, Any], where: str) -> VehicleConfig:
-    """Check a `vehicle:` section; `where` (such as a file's name) begins the message of a `ConfigError`."""
+def parse_vehicle_section(
+    mapping: Mapping[str, Any], where: str, place: Callable[[Loc], str] | None = None
+) -> VehicleConfig:
+    """Check a `vehicle:` section of the file `where`; `place` says where in it a key stands.
+
+    Raises `ConfigError` with the place (by default the file), key path and the fix.
+    """
+    place = place or (lambda _: where)
     mapping = _with_airframe_file(mapping, Path(where))
     try:
         config = _VEHICLE_ADAPTER.validate_json(json.dumps(mapping, default=str))
     except ValidationError as error:
-        raise ConfigError(f"{where}: {_explain(error, ('vehicle',))[1]}") from error
-    problem = find_parameter_problem(config.parameters)
-    if problem is not None:
-        name, advice = problem
-        raise ConfigError(f"{where}: vehicle.parameters.{name}: {advice}")
+        loc, text = explain(error, ("vehicle",))
+        raise ConfigError(f"{place(loc)}: {text}") from error
+    _check_parameters(config, place)
     return config
 
 
@@ -130,6 +135,7 @@ def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfi
     Raises `ConfigError` with file, line, key path and the fix.
     """
     data, root = _read_mapping(path)
+    source = Source(path, root, tuple(overrides or ()))
     for key_path, value in (overrides or {}).items():
         _set_value(data, key_path, value, path)
     if isinstance(data.get("vehicle"), dict):
@@ -137,14 +143,10 @@ def load_run(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfi
     try:
         config = _RUN_ADAPTER.validate_json(json.dumps(data, default=str))
     except ValidationError as error:
-        loc, text = _explain(error, ())
-        raise ConfigError(f"{path}:{_line_of(root, loc)}: {text}") from error
-    problem = find_parameter_problem(config.vehicle.parameters)
-    if problem is not None:
-        name, advice = problem
-        line = _line_of(root, ("vehicle", "parameters", name))
-        raise ConfigError(f"{path}:{line}: vehicle.parameters.{name}: {advice}")
-    _check_period(config, path, root)
+        loc, text = explain(error, ())
+        raise ConfigError(f"{source.place(loc)}: {text}") from error
+    _check_parameters(config.vehicle, source.place)
+    _check_period(config, source)
     return config
 
 
@@ -155,7 +157,7 @@ def read_obstacles(path: Path) -> tuple[ObstacleConfig, ...]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}); give a JSON file of obstacles") from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_explain(error, ())[1]}") from error
+        raise ConfigError(f"{path}: {explain(error, ())[1]}") from error
 
 
 def run_as_dict(config: RunConfig) -> dict[str, Any]:
@@ -170,29 +172,36 @@ def _with_airframe_file(section: Mapping[str, Any], path: Path) -> Mapping[str, 
     if not isinstance(named, str):
         return section
     file = path.parent / named
-    airframe = _read_mapping(file)[0]
+    airframe, root = _read_mapping(file, "vehicle.airframe: give the path of an airframe's YAML file")
     try:
         TypeAdapter(AirframeConfig).validate_json(json.dumps(airframe, default=str))
     except ValidationError as error:
-        raise ConfigError(f"{file}: {_explain(error, ())[1]}") from error
+        loc, text = explain(error, ())
+        raise ConfigError(f"{Source(file, root, ()).place(loc)}: {text}") from error
     return {**section, "airframe": airframe}
 
 
-def _check_period(config: RunConfig, path: Path, root: yaml.Node) -> None:
+def _check_parameters(config: VehicleConfig, place: Callable[[Loc], str]) -> None:
+    problem = find_parameter_problem(config.parameters)
+    if problem is not None:
+        name, advice = problem
+        raise ConfigError(f"{place(('vehicle', 'parameters', name))}: vehicle.parameters.{name}: {advice}")
+
+
+def _check_period(config: RunConfig, source: Source) -> None:
     period_ms = 1000.0 / config.mpc.rate_hz
     if abs(period_ms - round(period_ms)) > 1e-6 or not 2 <= round(period_ms) <= 200:
-        line = _line_of(root, ("mpc", "rate_hz"))
         raise ConfigError(
-            f"{path}:{line}: mpc.rate_hz: must give a period of 2 to 200 whole milliseconds (such as 20, 25, 40, 50, 100), "
-            f"got {config.mpc.rate_hz:g}"
+            f"{source.place(('mpc', 'rate_hz'))}: mpc.rate_hz: must give a period of 2 to 200 whole milliseconds (such as 20, "
+            f"25, 40, 50, 100), got {config.mpc.rate_hz:g}"
         )
 
 
-def _read_mapping(path: Path) -> tuple[dict[str, Any], yaml.Node]:
+def _read_mapping(path: Path, fix: str = "give the path of a run's YAML file") -> tuple[dict[str, Any], yaml.Node]:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give the path of a run's YAML file") from error
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); {fix}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not UTF-8 text; save it as UTF-8") from error
     try:
@@ -216,43 +225,3 @@ def _set_value(data: dict[str, Any], key_path: str, value: Any, path: Path) -> N
         if not isinstance(target, dict):
             raise ConfigError(f"{path}: {key_path}: '{section}' is not a section")
     target[last] = value
-
-
-def _explain(error: ValidationError, prefix: tuple[str, ...]) -> tuple[tuple[int | str, ...], str]:
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    loc = (*prefix, *(part for part in first["loc"] if part not in ("float", "int")))
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return loc, f"{_dotted(loc)}: {_advice(first)}{more}"
-
-
-def _line_of(root: yaml.Node, loc: Sequence[int | str]) -> int:
-    node, line = root, root.start_mark.line
-    for part in loc:
-        if isinstance(node, yaml.MappingNode):
-            pairs = [(key, value) for key, value in node.value if key.value == str(part)]
-            if not pairs:
-                break
-            line, node = pairs[-1][0].start_mark.line, pairs[-1][1]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            node = node.value[part]
-            line = node.start_mark.line
-        else:
-            break
-    return int(line) + 1
-
-
-def _dotted(loc: Sequence[int | str]) -> str:
-    text = ""
-    for part in loc:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
-    return text or "(file)"
-
-
-def _advice(problem: Any) -> str:
-    if problem["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
-        return "is not a known key; remove it or mend its spelling"
-    if problem["type"] in ("missing", "missing_argument"):
-        return "is missing; add it (its unit is the end of its name)"
-    shown = json.dumps(problem.get("input"), default=str)
-    return f"{problem['msg']}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"

@@ -1,6 +1,7 @@
 """The paper's plant: a quadcopter that takes snap. Feedback linearisation makes r'''' = u and yaw'' = v exactly.
 
-Source: paper, section V, after Rastgoftar et al. 2021 and El Asslouj and Rastgoftar 2023 (notes N20); yaw by notes N19.
+Source: paper, section V, after Rastgoftar et al. 2021 and El Asslouj and Rastgoftar 2023: the rigid body m a = T b3 - m g e3, its thrust
+extended by two integrators, so that position has relative degree four. Exact while T > 0 and the tilt stays below 90 deg.
 World ENU, body FLU (z up). State: position r, velocity v, attitude R_wb, body rates w, thrust T and its rate T' (two integrators).
 
     m r'' = T b_3 - m g e_3        R' = R [w]_x        J w' = tau - w x J w        (T)'' = thrust input
@@ -132,7 +133,7 @@ def yaw_and_rate(x: SnapState) -> tuple[float, float]:
 
 
 def yaw_matrices(dT_s: float) -> tuple[Array, Array]:
-    """(A, B) of the internal dynamics z = (yaw, yaw rate), exact for v held (notes N19: B has the step in it)."""
+    """(A, B) of the internal dynamics z = (yaw, yaw rate), exact for v held; the paper prints B = [0; 1], without the step."""
     return np.array([[1.0, dT_s], [0.0, 1.0]]), np.array([[dT_s**2 / 2.0], [dT_s]])
 
 

@@ -1,7 +1,7 @@
 """`Barrier`: an obstacle as the channel map sees it, its ring cut into two walls at its two tips.
 
-A dividing streamline arrives at the left tip, splits, and joins again at the right tip (paper, Fig. BoundaryMapping;
-notes N3). A tip lies on the barrier's left or right face, the run of steep edges round its extreme vertices; where the
+A dividing streamline arrives at the left tip, splits, and joins again at the right tip (paper, Fig. BoundaryMapping).
+A tip lies on the barrier's left or right face, the run of steep edges round its extreme vertices; where the
 face leans, the streamline runs level between the tip and the extreme x. A barrier on the left or right border has no
 tip there: its walls begin or end at the border, apart from each other.
 """

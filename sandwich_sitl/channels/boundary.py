@@ -1,6 +1,8 @@
 """Boundary nodes: which column each tip and corner gets, and Algorithm 1 between them.
 
-Source: paper, section III-C; notes N1-N4.
+Source: paper, section III-C, read so: segment h is |p_{h+1} - p_h|, Omega compares cumulative arc lengths, and node i = 1..n
+stands at arc length (i - 1) dL. It is applied piece by piece, so that both sides of an obstacle share a count, with tips and
+corners as nodes: a uniform spread would cut the corners.
 All streamlines share the columns 0 .. m_phi - 1. A tip or corner wants the column of its station (`stations`), so that
 the two sides of a channel agree where it turns or narrows. Integers that keep the order and leave room for the
 corners, nearest to those wishes, come from isotonic regression. Between two neighbouring fixed nodes Algorithm 1

@@ -3,7 +3,7 @@
 Source: paper, section III. Channel d (0-based) is a grid of m_phi x m_d nodes; node (i, j) of the planning space sits
 at `xy_m[d][i, j]` of the motion space (ENU, metres). Channels lie side by side across the flow. The last row of channel
 d and the first row of channel d + 1 are the two sides of dividing streamline d: the same points where it is free, two
-copies on the walls of an obstacle of group R_d, where crossing is barred (notes N3, N10). Beside the channels lie bays:
+copies on the walls of an obstacle of group R_d, where crossing is barred. Beside the channels lie bays:
 ground behind an obstacle's outline that no channel sweeps, meshed with quads of its own and joined to the channels'
 walls at the nodes of its lids.
 """
@@ -39,7 +39,7 @@ class MapQuality:
     repaired_cells: int  # cells with a node off the finite-difference solution: moved by a repair, or beside one
     min_jacobian_ratio: float  # smallest corner Jacobian / (product of the two edge lengths): sine of the corner angle
     min_angle_deg: float
-    mean_angle_error_deg: float  # mean |corner angle - 90 deg| (notes N7)
+    mean_angle_error_deg: float  # mean |corner angle - 90 deg|: the paper's orthogonality, measured
     median_edge_m: float  # edges of the channels' cells, to hold against the `cell_m` asked for
     p95_aspect: float  # of the channels' cells: longer over shorter mean side
     max_residual_m: float  # largest residual of Eq. (ellipticpde) at the nodes of all other cells, as a displacement

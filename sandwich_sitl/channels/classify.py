@@ -1,4 +1,4 @@
-"""Obstacles into groups R_1 .. R_{p-1}, automatically (the paper draws them by hand; notes N5, N6).
+"""Obstacles into groups R_1 .. R_{p-1}, automatically (the paper draws them by hand); R_j lies between S_j and S_{j+1}.
 
 Barriers that touch the bottom or top border become part of that border. The others are ordered by "lies below at some
 x"; a level is the longest chain below, so no two barriers of a level share an x, each level is a left-to-right chain,

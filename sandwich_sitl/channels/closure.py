@@ -1,6 +1,6 @@
 """Closures: obstacles made fit to stand between channels, and the ground this takes kept aside as bays.
 
-Source: notes N6. For disjoint vertically convex shapes "lies below at some x" has no cycle, so they can be levelled into
+For disjoint vertically convex shapes "lies below at some x" has no cycle, so they can be levelled into
 groups. Any shape is made so by filling every vertical line between its lowest and its highest point; shapes whose
 fillings meet are filled together. Slots deep for their width are shut with horizontal lids (`streets`). What is filled
 is not lost: every connected part is a *bay*, which opens into the channels beside it through its *lids*, the parts of

@@ -1,6 +1,6 @@
 """Dividing streamlines: smooth, evenly spaced curves that carry each group of obstacles.
 
-Source: paper, section III-A; notes N6.
+Source: paper, section III-A, which says that they are there and not how to draw them.
 Streamline d is a function y = d(x) wherever it is free; it ends at the tips of the obstacles of its group. At every
 column (a uniform grid and every x at which a hull has a vertex) the streamlines keep their order and stay off the
 hulls of the other groups, by at least a share of the gap that equal spacing would give them. Between columns

@@ -2,14 +2,14 @@
 
 Source: paper, Eq. (ellipticpde): a x_phiphi - 2 b x_phipsi + c x_psipsi = 0 and the same for y, with
 a = x_psi^2 + y_psi^2, b = x_phi x_psi + y_phi y_psi, c = x_phi^2 + y_phi^2; central differences, all four sides given
-(Dirichlet; notes N7). Spacing in phi and psi cancels, so indices serve as coordinates. Both equations are divided by
-2 (a + c), which makes a residual the displacement of a Jacobi step, in metres.
+(Dirichlet), which fixes their nodes: the result is smooth, not orthogonal. Spacing in phi and psi cancels, so indices
+serve as coordinates. Both equations are divided by 2 (a + c), which makes a residual the displacement of a Jacobi step, in metres.
 
 Method: V-cycles of the full approximation scheme (A. Brandt, 1977), the nonlinear problem itself on every level;
 smoothing by Gauss-Seidel line relaxation across and along the channel, coefficients as they stand (tri-diagonal,
-always diagonally dominant, notes N9). A channel of N nodes costs O(N).
+always diagonally dominant). A channel of N nodes costs O(N).
 
-State: `x`, `y` (m_phi, m_j), boundary included. The result is smooth but may fold at re-entrant corners (notes N8);
+State: `x`, `y` (m_phi, m_j), boundary included. The result is smooth but may fold at re-entrant corners;
 `untangle` mends that.
 """
 

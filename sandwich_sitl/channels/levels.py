@@ -1,4 +1,4 @@
-"""Levels: which group each barrier belongs to (notes N6).
+"""Levels: which group each barrier belongs to.
 
 "Lies below at some x" on disjoint vertically convex shapes has no cycle. A sweep from left to right finds the pairs
 that are neighbours at some x; the longest chain of them below a barrier is its least level, so the number of levels is

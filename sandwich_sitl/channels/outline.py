@@ -1,4 +1,4 @@
-"""Outlines: lower and upper envelope of shapes over x, which is their vertical closure (notes N6)."""
+"""Outlines: lower and upper envelope of shapes over x, which is their vertical closure."""
 
 from dataclasses import dataclass
 

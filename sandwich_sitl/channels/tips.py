@@ -1,4 +1,4 @@
-"""Tips: where on a barrier's face a dividing streamline arrives and leaves (notes N3).
+"""Tips: where on a barrier's face a dividing streamline arrives and leaves.
 
 A tip looks to the neighbour in its chain: where the two faces overlap in height it lies in the middle of the overlap,
 else at the end of the face that is nearer, so that streamlines bend little and leave no wedge between themselves and a

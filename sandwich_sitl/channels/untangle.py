@@ -1,4 +1,4 @@
-"""Unfolding cells that the discrete elliptic equations fold (notes N8).
+"""Unfolding cells that the discrete elliptic equations fold: the continuous map is one-to-one, central differences are not.
 
 Source: V. Garanzha, I. Kaporin, L. Kudryavtseva, F. Protais, N. Ray, D. Sokolov, "Foldover-free maps in 50 lines of
 code" (2021). Round the bad cells, nodes move to lower, summed over the four corners of every cell,

@@ -1,4 +1,4 @@
-"""The tracking problem of one tick over the horizon, for axes that share regions: (x, y), or z alone (notes N13-N17).
+"""The tracking problem of one tick over the horizon, for axes that share regions: (x, y), or z alone.
 
     minimise    sum_h  u_h^2 / (2 beta) + f |r_h - p_h|^2 / 2  +  rho_1 s_h + rho_2 s_h^2 / 2  +  the same in t_h
     subject to  Lambda_h r_h <= Gamma_h + s_h                                    h = 1 .. n

@@ -1,4 +1,4 @@
-"""The quadruple integrator: position driven by snap (paper, Eq. EXTDYN; notes N15, N20).
+"""The quadruple integrator: position driven by snap (paper, Eq. EXTDYN).
 
 State x = [r, v, a, j] (12,), input u = snap (3,), all ENU SI:  x_{k+1} = A_p x_k + B_p u_k.
 """

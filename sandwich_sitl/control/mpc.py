@@ -1,7 +1,7 @@
-"""The paper's MPC as two problems of one kind: x and y in their regions, z in its band (paper, section V-B; notes N13-N17).
+"""The paper's MPC as two problems of one kind: x and y in their regions, z in its band (paper, section V-B).
 
-The printed equality z = z0 asks for unbounded snap (notes N15); z is a penalty here and a soft band round the desired
-height, within the altitudes of the region where it has some (floors). x and y never meet z, so each problem is solved
+The printed equality z = z0 asks for unbounded snap, since the sampled chain has a zero at -9.9; z is a penalty here and a
+soft band round the desired height, within the altitudes of the region where it has some (floors). x and y never meet z, so each problem is solved
 on its own, by the solver that `mpc.solver` names.
 
 Recursive feasibility. The QP itself always has an answer, because only its input is bounded hard. What is carried

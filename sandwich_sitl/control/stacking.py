@@ -1,4 +1,5 @@
-"""Stacked prediction and the condensed cost (paper, section V-B; notes N13, N14).
+"""Stacked prediction and the condensed cost (paper, section V-B; its indices mended: the cost pairs x_{k+h} with p_{k+h}, and H's
+diagonal blocks are there).
 
     Y_k = G x_k + H U_k,   Y_k = [x_{k+1} .. x_{k+n}],   U_k = [u_k .. u_{k+n-1}],   H_{i,j} = A_p^{i-j} B_p for j <= i
     J_k = 1/2 U' W1 U + w2' U,   W1 = I + beta H' C' F C H,   w2 = beta (C G x_k - P_k)' F C H

@@ -1,4 +1,4 @@
-"""Convex regions along the reference, from the paper's neighbouring quadrangles (paper, section V-A; notes N17, N18).
+"""Convex regions along the reference, from the paper's neighbouring quadrangles (paper, section V-A).
 
 The quadrangle of node (i, j) has the corners (i-1, j-1), (i+1, j-1), (i+1, j+1), (i-1, j+1); its four sides, counter-
 clockwise, are half-planes Lambda [x, y] <= Gamma. It may be non-convex, may miss the reference, its sides may cut an

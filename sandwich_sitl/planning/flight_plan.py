@@ -18,7 +18,7 @@ _HAIR_M = 1e-9
 
 @dataclass(frozen=True)
 class Reference:
-    """Desired motion along the route, sampled once a control period (paper: p_k; notes N12).
+    """Desired motion along the route, sampled once a control period (the paper's p_k, with times).
 
     `t_s` (K,) starts at 0 with the vehicle at rest over the start; `xyz_m` (K, 3); `region` (K,) indexes `Corridor`.
     """
@@ -30,7 +30,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Corridor:
-    """Convex regions Lambda_m [x, y] <= Gamma_m (paper, Eq. (mainsafety); notes N17).
+    """Convex regions Lambda_m [x, y] <= Gamma_m (paper, Eq. (mainsafety)), convex and clear of every grown obstacle.
 
     `Lambda` (M, F, 2) with unit rows, `Gamma` (M, F) in metres; unused rows repeat the last one. `polygons_m` are the
     same regions as counter-clockwise rings without closing point, `neighbours_m` (M, 4, 2) the paper's raw quadrangles.

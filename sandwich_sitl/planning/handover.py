@@ -1,4 +1,4 @@
-"""From one reference to the next in flight, and to rest (notes N12, N18).
+"""From one reference to the next in flight, and to rest.
 
 `handover`: the vehicle is on a reference and gets a new route. The new curve begins at the reference's position with
 the derivatives that its velocity, acceleration and jerk ask for, so nothing steps. With r = c(u(t)), |c'(0)| = 1:

@@ -1,6 +1,6 @@
 """The mapped grid as a graph, its channels joined where their dividing streamline is free.
 
-Source: paper, section IV; notes N10. The corners of a cell are linked, in a channel hence the eight neighbours in the
+Source: paper, section IV. The corners of a cell are linked, in a channel hence the eight neighbours in the
 planning space; the paper leaves open which they are, and a `wide` graph links, where these eight leave wide gaps between
 their directions in motion space, what is seen there too (`sight`). The two sides of an obstacle wall are different nodes and no
 link leads across, which is the paper's ban on crossing barred nodes; tips belong to both channels. A bay's lid nodes

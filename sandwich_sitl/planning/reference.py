@@ -1,4 +1,4 @@
-"""A route becomes a timed reference inside a corridor (notes N12, N17).
+"""A route becomes a timed reference inside a corridor. The paper's planning ends with nodes, which have no times.
 
 tight route -> smooth curve -> time law -> one position a control period -> regions
 """
@@ -130,7 +130,7 @@ def _length(path: Array) -> float:
 
 
 def paper_reference(config: RunConfig, channel_map: ChannelMap, route_m: Array) -> tuple[Reference, Corridor]:
-    """One route node a step of `mpc.step_s`, the paper's raw quadrangles (notes N12)."""
+    """One route node a step of `mpc.step_s`, so that the nodes' spacing sets the speed, and the paper's raw quadrangles."""
     step, dt = config.mpc.step_s, 1.0 / config.mpc.rate_hz
     up = climb(config.altitude_m, climb_limits(config.planner), dt)
     nodes_t = np.arange(len(route_m)) * step

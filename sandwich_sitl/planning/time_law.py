@@ -1,4 +1,4 @@
-"""A time law along a curve under limits on speed, acceleration, jerk and snap (notes N12).
+"""A time law along a curve under limits on speed, acceleration, jerk and snap; the paper leaves the timing open.
 
 The fastest law under the first two limits alone comes from a forward and a backward pass over the curve: the speed's
 slope may use what turning leaves of the acceleration,  |a|^2 = (v^2 kappa)^2 + (v dv/ds)^2 <= a_max^2  (the numerical

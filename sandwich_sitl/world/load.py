@@ -27,7 +27,7 @@ def import_world(config: WorldConfig, config_path: Path) -> ImportedWorld:
     if config.file is not None:
         path = config_path.parent / config.file
         if not path.exists():
-            where = place(config_path, "world.file", config.file)
+            where = place(config_path, ("world", "file"), config.file)
             raise InputError(f"{where}: world.file: there is no {path}; give a path relative to the configuration")
         return read_world(path, config)
     assert config.bounds_m is not None

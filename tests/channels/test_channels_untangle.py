@@ -63,7 +63,7 @@ def test_grid_collapsed_to_random_points_is_unfolded(seed: int) -> None:
 
 
 def test_re_entrant_corner_at_which_central_differences_fold_is_mended() -> None:
-    """A step in the wall, as high as the channel is wide above it (notes N8)."""
+    """A step in the wall, as high as the channel is wide above it: there the discrete map folds."""
     t = np.linspace(0, 1, 13)
     wall = np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""The snap-driven plant against the exact quadruple integrator, and the yaw dynamics of notes N19."""
+"""The snap-driven plant against the exact quadruple integrator, and yaw as a double integrator with the step in its B."""
 
 from math import cos, factorial, sin
 

@@ -88,7 +88,7 @@ def test_options_are_the_same_keys_in_both(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("gap_m=-1", "--set gap_m: Input should be greater than or equal to 0, got -1"),
+        ("gap_m=-1", "--set gap_m: must be greater than or equal to 0, got -1"),
         ("gap=1", "--set gap: is not a known key"),
         ("cell_m=1e3", "write 1000.0"),
         ("where=3", "--set where:"),

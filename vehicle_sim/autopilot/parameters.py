@@ -44,7 +44,7 @@ def find_parameter_problem(overrides: Mapping[str, Number]) -> tuple[str, str] |
     for name, value in overrides.items():
         spec = TABLE.get(name)
         if spec is None:
-            return name, "is not a known parameter; the vehicle's PARAM_REQUEST_LIST names them all"
+            return name, "is not a known parameter; `vehicle-sim --parameters` lists them all"
         if spec.is_integer and not isinstance(value, int):
             return name, f"must be a whole number, got {value}"
         if not isfinite(value) or not spec.low <= value <= spec.high:

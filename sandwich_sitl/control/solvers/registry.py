@@ -29,7 +29,7 @@ def bare_solver(name: str, horizon: Horizon) -> HorizonSolver:
     except ModuleNotFoundError as error:
         raise InputError(
             f"mpc.solver: {name} needs the package '{error.name}'; "
-            f"install sandwich-sitl[{_EXTRAS.get(name, 'solvers')}] or choose osqp"
+            f"install it (pip install 'sandwich-sitl[{_EXTRAS.get(name, 'solvers')}]') or choose osqp"
         ) from error
     solver: HorizonSolver = getattr(place, kind)(horizon)
     return solver
