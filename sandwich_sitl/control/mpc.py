@@ -1,12 +1,12 @@
 """The paper's MPC as two problems of one kind: x and y in their regions, z in its band (paper, section V-B).
 
-The printed equality z = z0 asks for unbounded snap, since the sampled chain has a zero at -9.9; z is a penalty here and a
-soft band round the desired height, within the altitudes of the region where it has some (floors). x and y never meet z, so each problem is solved
-on its own, by the solver that `mpc.solver` names.
+The printed equality z = z0 asks for unbounded snap, since the sampled chain has a zero at -9.9; z is a penalty here and
+a soft band round the desired height, within the altitudes of the region where it has some (floors). x and y never meet
+z, so each problem is solved on its own, by the solver that `mpc.solver` names.
 
 Recursive feasibility. The QP itself always has an answer, because only its input is bounded hard. What is carried
-from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions. A
-tick either accepts a new plan that has been checked to do so, or goes on with the old one, which still does: regions
+from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions, or
+nearer to them than it began when the vehicle has been put outside. A tick either accepts a new plan that has been checked to do so, or goes on with the old one, which still does: regions
 do not move, and the rest of a motion that keeps them keeps them. So the statement holds at every tick once it has
 held at one, whatever the solver returns; the first tick starts at rest, where standing still is such a plan. It is a
 statement about the command and the offset that was foreseen when the plan was looked at: wind that comes later moves
