@@ -6,11 +6,11 @@ z, so each problem is solved on its own, by the solver that `mpc.solver` names.
 
 Recursive feasibility. The QP itself always has an answer, because only its input is bounded hard. What is carried
 from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions, or
-nearer to them than it began when the vehicle has been put outside. A tick either accepts a new plan that has been checked to do so, or goes on with the old one, which still does: regions
-do not move, and the rest of a motion that keeps them keeps them. So the statement holds at every tick once it has
-held at one, whatever the solver returns; the first tick starts at rest, where standing still is such a plan. It is a
-statement about the command and the offset that was foreseen when the plan was looked at: wind that comes later moves
-the vehicle beside it until a new plan is accepted.
+nearer to them than it began when the vehicle has been put outside. A tick either accepts a new plan that has been
+checked to do so, or goes on with the old one, which still does: regions do not move, and the rest of a motion that
+keeps them keeps them. So the statement holds at every tick once it has held at one, whatever the solver returns; the
+first tick starts at rest, where standing still is such a plan. It is a statement about the command and the offset that
+was foreseen when the plan was looked at: wind that comes later moves the vehicle beside it until a new plan is accepted.
 
 Places are handed to the solvers relative to the command's own, so that a world's distance from its origin costs no digits.
 """
