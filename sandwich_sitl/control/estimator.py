@@ -85,7 +85,7 @@ class VehicleEstimator:
         return np.asarray(self.offset_ahead(np.zeros(1))[0])
 
     def offset_ahead(self, times_s: Array) -> Array:
-        """What is to be aimed off (n, 3) at times (n,) >= 0 from now, at most `offset_limit_m` long."""
+        """What is to be aimed off (n, 3) at times (n,) >= 0 from the last measurement, at most `offset_limit_m` long."""
         return drifting(times_s, self._error, _DRIFT_S, self._config.offset_limit_m)
 
     def commanded(self, t_s: float, state: Array) -> None:
