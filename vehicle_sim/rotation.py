@@ -7,7 +7,6 @@ from vehicle_sim.compiled import inlined
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Matrix = tuple[Vector, Vector, Vector]
 
 
 class Euler(NamedTuple):
@@ -109,9 +108,3 @@ def enu_flu_from_ned_frd(q: Quaternion) -> Quaternion:
     NED to ENU is half a turn about (1, 1, 0)/sqrt(2); FLU to FRD is half a turn about x.
     """
     return normalize(quaternion_multiply(quaternion_multiply((0.0, _HALF, _HALF, 0.0), q), (0.0, 1.0, 0.0, 0.0)))
-
-
-@inlined
-def wrap_angle(angle_rad: float) -> float:
-    """The same angle in (-pi, pi]."""
-    return atan2(sin(angle_rad), cos(angle_rad))

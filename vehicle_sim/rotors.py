@@ -17,11 +17,6 @@ from vehicle_sim.parts import AirframeConfig
 
 Four = tuple[float, float, float, float]
 
-#: Sign of roll, pitch and yaw torque that more thrust on each rotor gives.
-ROLL_SIGN: Four = (-1.0, 1.0, 1.0, -1.0)
-PITCH_SIGN: Four = (1.0, -1.0, 1.0, -1.0)
-YAW_SIGN: Four = (1.0, 1.0, -1.0, -1.0)
-
 
 class Wrench(NamedTuple):
     """Thrust (N, along -z body) and torques (N m about forward, right, down)."""

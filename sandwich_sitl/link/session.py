@@ -36,14 +36,13 @@ _SLOW_US = {
 
 @dataclass(frozen=True)
 class LinkStatistics:
-    """Frames sent to and received from the vehicle, frames missing in its sequence, setpoints refused by the fence; ticks that
-    began more than half a period late and the worst lateness (wall seconds), lockstep datagrams that were sent again.
+    """Frames sent to and received from the vehicle, frames missing in its sequence; ticks that began more than half a period
+    late and the worst lateness (wall seconds), lockstep datagrams that were sent again.
     """
 
     sent: int
     received: int
     lost: int
-    rejected: int
     late_ticks: int
     worst_late_s: float
     retries: int
@@ -113,7 +112,6 @@ class LinkSession:
         self._view = VehicleView()
         self._previous: Setpoint | None = None
         self._sent = 0
-        self._rejected = 0
 
     def __enter__(self) -> Self:
         return self
@@ -159,7 +157,6 @@ class LinkSession:
             self._sent,
             self._inbox.received,
             self._inbox.lost,
-            self._rejected,
             lateness.late_ticks,
             lateness.worst_late_s,
             lateness.retries,
@@ -178,7 +175,6 @@ class LinkSession:
         """
         reason = self._object(setpoint)
         if reason is not None:
-            self._rejected += 1
             setpoint = None
         now_s, boot = self._now_s, boot_ms(self._now_s)
         frames = self._outbox.order(commands)

@@ -1,13 +1,10 @@
 """Solvers by the name that `mpc.solver` gives them."""
 
-from collections.abc import Callable
 from importlib import import_module
 
 from sandwich_sitl.control.horizon import Horizon, HorizonSolver
 from sandwich_sitl.control.solvers.idle_rows import IdleRowsFirst
 from sandwich_sitl.errors import InputError
-
-Maker = Callable[[Horizon], HorizonSolver]
 
 _PLACES = {
     "active_set": ("active_set", "ActiveSetSolver"),
