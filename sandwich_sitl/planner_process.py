@@ -62,7 +62,9 @@ class InlinePlanner:
         self._question: Question | None = None
 
     def ask(self, question: Question) -> None:
-        """Keep the question."""
+        """Keep the question; what one that was never answered told is told again."""
+        if self._question is not None and self._keeps:
+            question = dataclasses.replace(question, obstacles=(*self._question.obstacles, *question.obstacles))
         self._question = question
 
     def answer(self) -> Answer | None:

@@ -137,7 +137,7 @@ class _Loop:
 
     def _tick(self, link: LinkSession) -> Outcome | None:
         now_s = link.next_tick()
-        began = time.perf_counter()
+        began = time.monotonic()
         view = link.view
         self._orders = self._reroute(now_s, view) if view.heard else RerouteOrders()
         inputs = MissionInputs(
@@ -147,22 +147,21 @@ class _Loop:
             self._pilot.no_way(view, self._watch.given_up),
         )
         orders = self._mission.step(now_s, view, inputs)
-        solving = time.perf_counter()
+        solving = time.monotonic()
         steering = self._pilot.steer(orders.stream, now_s, view)
-        solved = time.perf_counter()
+        solved = time.monotonic()
         # The last tick sends nothing: in lockstep the vehicle would go on to a step that nobody waits for.
         refused = None if orders.finished else link.send(steering.setpoint, orders.commands)
         if refused is None:
             self._pilot.accepted(now_s)
-        sent = time.perf_counter()
+        sent = time.monotonic()
         if view.heard:
             if self._ticks == 0:
                 # Until now the clock was this process's own: what was heard first is stamped with the vehicle's.
                 self._frames = [(now_s, direction, frame) for _, direction, frame in self._frames]
             self._record(now_s, view, orders, steering, refused)
-            late_s = 0.0 if self._config.clock.mode == "lockstep" else max(0.0, sent - began - self._budget_s)
             solve_s = solved - solving if steering.tick is not None else 0.0
-            self._recorder.timing(self._ticks, TickTiming(solve_s, sent - began, late_s))
+            self._recorder.timing(self._ticks, TickTiming(solve_s, sent - began, link.late_s(sent), sent))
             self._ticks += 1
         return orders.finished
 
@@ -178,10 +177,6 @@ class _Loop:
             self._mission.rerouted(float(replan.reference.t_s[-1]))
         self._pilot.bar(orders.barred)
         return orders
-
-    @property
-    def _budget_s(self) -> float:
-        return 1.0 / (self._config.mpc.rate_hz * self._config.clock.speed)
 
     def _record(self, now_s: float, view: VehicleView, orders: Orders, steering: Steering, refused: str | None) -> None:
         self._record_frames()
@@ -229,7 +224,7 @@ class _Loop:
         if (tick.rung, tick.fault) != self._ladder:
             self._ladder = (tick.rung, tick.fault)
             level = "info" if tick.rung is Rung.PLAN else "warning"
-            self._recorder.log(now_s, level, f"assurance: {describe(tick.rung, tick.fault)}")
+            self._recorder.log(now_s, level, f"assurance: {describe(tick.rung, tick.fault, tick.error)}")
         lift = np.array([0.0, 0.0, self._pilot.ground_m])
         self._recorder.control(
             ControlRecord(

@@ -84,6 +84,7 @@ def test_what_a_bench_cannot_do(arguments: list[str], words: str, capsys: pytest
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["mpc", "--first", "0"], "argument --first: 0 is less than 1"),  # the state is the command before the tick
         (["plan", "--queries", "0"], "argument --queries: 0 is less than 1"),
         (["plan", "--queries", "-1"], "argument --queries: -1 is less than 1"),
         (["plan", "--nodes", "0"], "argument --nodes: 0 is less than 1"),

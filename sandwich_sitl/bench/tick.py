@@ -1,19 +1,14 @@
-"""What a control tick costs, telemetry in to set-point out, and whether real time is kept.
+"""What a control tick costs, telemetry in to set-point out.
 
 A flight is flown in lockstep and its ticks are then gone through again from the frames of its log, on this thread alone:
 frames to `VehicleView`, mission's pilot (estimator, both plans, examination), set-point to frame. Nothing is recorded,
 and the garbage collector is off as in the loop. Times are processor time of the thread.
-
-In real time a flight runs beside a bare ticker, a process that waits for the same deadlines and does nothing. A host that
-takes the processor away makes both late; what the flight misses beyond that is its own.
 """
 
 import gc
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from multiprocessing import get_context
-from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +20,6 @@ from sandwich_sitl.errors import InputError
 from sandwich_sitl.launcher import run
 from sandwich_sitl.link.inbox import Inbox
 from sandwich_sitl.link.messages import Encoder
-from sandwich_sitl.link.pacing import SPIN_S
 from sandwich_sitl.link.telemetry import Telemetry
 from sandwich_sitl.link.wire import FrameSplitter
 from sandwich_sitl.mission.orders import Stream
@@ -34,8 +28,6 @@ from sandwich_sitl.progress import Progress
 from sandwich_sitl.recording.reader import RunLog
 
 Array = NDArray[np.float64]
-
-_LONGEST_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -62,72 +54,22 @@ class TickCost:
         return rows
 
 
-@dataclass(frozen=True)
-class Deadlines:
-    """Ticks of a real-time flight and of the bare ticker beside it: how many began late by more than half a period, the
-    worst in milliseconds, and how many of the flight's set-points left after their period was over.
-    """
-
-    rate_hz: float
-    outcome: str
-    ticks: int
-    late: int
-    worst_ms: float
-    missed: int
-    bare_ticks: int
-    bare_late: int
-    bare_worst_ms: float
-
-    def line(self) -> str:
-        """One line of text."""
-        return (
-            f"{self.rate_hz:4.0f} Hz, {self.outcome}: {self.ticks} ticks, {self.late} began late "
-            f"(worst {self.worst_ms:.1f} ms), {self.missed} set-points after their period; "
-            f"bare ticker: {self.bare_late} of {self.bare_ticks} late (worst {self.bare_worst_ms:.1f} ms)"
-        )
-
-
 def tick_cost(config_path: Path, overrides: Mapping[str, Any], work: Path, repeat: int) -> TickCost:
     """Fly once into the directory `work`, then go through the flight's ticks `repeat` times."""
-    config = _config(config_path, overrides)
-    _fly(config, config_path, work)
+    config = configured(config_path, overrides)
+    fly(config, config_path, work)
     log = RunLog.read(work / "run.mcap")
     spent = np.concatenate([_replay(config, log) for _ in range(repeat)])
     return TickCost(spent[:, 0], spent[:, 1], spent[:, 2])
 
 
-def deadlines(config_path: Path, overrides: Mapping[str, Any], work: Path, rate_hz: float) -> Deadlines:
-    """One flight in real time at `rate_hz`, with a bare ticker in a process of its own."""
-    config = _config(config_path, {**overrides, "clock.mode": "realtime", "clock.speed": 1.0, "mpc.rate_hz": rate_hz})
-    context = get_context("spawn")
-    here, there = context.Pipe(duplex=False)
-    stop = context.Event()
-    ticker = context.Process(target=_tick_bare, args=(there, stop, 1.0 / rate_hz), daemon=True)
-    ticker.start()
-    there.close()
-    try:
-        here.recv()  # it has started
-        summary = _fly(config, config_path, work)
-        stop.set()
-        bare = np.asarray(here.recv())
-    finally:
-        ticker.kill()
-        ticker.join()
-    log = RunLog.read(work / "run.mcap")
-    link = log.metadata["result"]
-    half_ms = 500.0 / rate_hz
-    return Deadlines(
-        rate_hz, summary["outcome"], log.timings.loop_s.size, int(link["late_ticks"]),
-        1e3 * float(link["worst_late_s"]), int(np.count_nonzero(log.timings.late_s > 0.0)),
-        bare.size, int(np.count_nonzero(bare > half_ms)), float(bare.max()),
-    )  # fmt: skip
-
-
-def _config(config_path: Path, overrides: Mapping[str, Any]) -> RunConfig:
+def configured(config_path: Path, overrides: Mapping[str, Any]) -> RunConfig:
+    """The run's configuration on a free port and without debug streams."""
     return load_config(config_path, {"link.uri": "udpin://127.0.0.1:0", "zenoh.enabled": False, **overrides})
 
 
-def _fly(config: RunConfig, config_path: Path, work: Path) -> dict[str, Any]:
+def fly(config: RunConfig, config_path: Path, work: Path) -> dict[str, Any]:
+    """One whole run into the directory `work`; its summary."""
     with Progress() as progress:
         return run(config, config_path, work, progress, False).summary
 
@@ -171,17 +113,3 @@ def _one_tick(
         encoder.setpoint(setpoint, round(1e3 * now_s))
     ended = time.thread_time_ns()
     return (seen - began) / 1e3, (steered - seen) / 1e3, (ended - steered) / 1e3
-
-
-def _tick_bare(there: Any, stop: Event, period_s: float) -> None:
-    """Lateness in milliseconds of a loop that waits as `RealtimePacer` does and does nothing."""
-    there.send("started")
-    late_ms: list[float] = []
-    deadline = time.monotonic() + period_s
-    while not stop.is_set() and len(late_ms) * period_s < _LONGEST_S:
-        time.sleep(max(0.0, deadline - SPIN_S - time.monotonic()))
-        while (now := time.monotonic()) < deadline:
-            pass
-        late_ms.append(1e3 * (now - deadline))
-        deadline = (now if now - deadline > period_s else deadline) + period_s
-    there.send(late_ms)

@@ -22,7 +22,8 @@ def register(benches: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from sandwich_sitl.bench.tick import deadlines, tick_cost
+    from sandwich_sitl.bench.tick import tick_cost
+    from sandwich_sitl.bench.tick_realtime import deadlines
 
     overrides = overrides_of(arguments.set)
     if arguments.repeat < 1:

@@ -3,7 +3,7 @@
 A sequence holds, tick by tick, the command in force (12,), the time sigma at which the reference is looked up and the
 offset that is aimed off, with the piece of reference and the regions that a horizon of up to `LONGEST_S` needs. Any
 horizon's problems can be made of it. The last sequences are made of others: regions pulled in, states pushed out,
-numbers that are far from one, and numbers that are none.
+rows and states of awkward sizes that must be solved all the same, and ticks that none can solve.
 """
 
 from collections.abc import Iterator
@@ -57,7 +57,8 @@ class TickSequence:
 
 
 def from_log(log: RunLog, name: str, first: int, count: int) -> TickSequence:
-    """Ticks `first` .. `first + count` of a run's tracking, all flown at the reference's own rate.
+    """Ticks `first` .. `first + count` of a run's tracking, all flown at the reference's own rate; both 1 or more, as a
+    tick's state is the command before it.
 
     Raises `InputError` for a log without a plan or with fewer ticks.
     """
@@ -122,6 +123,24 @@ def pushed_out(sequence: TickSequence, by_m: float = 1.5) -> TickSequence:
     command = sequence.command.copy()
     command[::4, 1] += by_m
     return replace(sequence, name=f"{sequence.name}, pushed out", command=command)
+
+
+def awkward(sequence: TickSequence, acceleration_mps2: float) -> TickSequence:
+    """Numbers that scale badly, within what a `HorizonTick` may hold; every tick has an answer.
+
+    In turn from region to region: four sides 1000 km away, four sides that repeat the others turned by 1e-9 rad, all
+    sides twice, half a millimetre round the reference. Every third tick accelerates by `acceleration_mps2`.
+    """
+    command, Gamma, Lambda = sequence.command.copy(), sequence.Gamma.copy(), sequence.Lambda.copy()
+    Gamma[::4, 4:8] = 1e6
+    across = np.stack([-Lambda[1::4, :4, 1], Lambda[1::4, :4, 0]], axis=2)
+    Lambda[1::4, 4:8], Gamma[1::4, 4:8] = Lambda[1::4, :4] + 1e-9 * across, Gamma[1::4, :4]
+    Lambda[2::4, 4:8], Gamma[2::4, 4:8] = Lambda[2::4, :4], Gamma[2::4, :4]
+    thin = narrow(sequence, 0.0005)
+    Gamma[3::4] = thin.Gamma[3::4]
+    direction = command[::3, 3:5] / np.maximum(np.linalg.norm(command[::3, 3:5], axis=1, keepdims=True), 1e-9)
+    command[::3, 6:8] = acceleration_mps2 * direction
+    return replace(sequence, name=f"{sequence.name}, awkward", command=command, Lambda=Lambda, Gamma=Gamma)
 
 
 def hostile(sequence: TickSequence) -> TickSequence:

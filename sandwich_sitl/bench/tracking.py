@@ -5,7 +5,7 @@ at 100 Hz and the chords' middles) against the corridor. `route` leaves out the 
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from sandwich_sitl.config import RunConfig, load_config
 from sandwich_sitl.launcher import make_plan, run
 from sandwich_sitl.planning.corridor import paper_corridor
-from sandwich_sitl.planning.flight_plan import Corridor, FlightPlan
+from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.reference import paper_reference
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.recording.reader import RunLog
-from sandwich_sitl.recording.summary import active_spans, tracking_error
+from sandwich_sitl.recording.regions import outside_m, whole_corridor
+from sandwich_sitl.recording.spans import within
+from sandwich_sitl.recording.summary import REGION_TOLERANCE_M, active_spans, tracking_error
 
 Array = NDArray[np.float64]
 
@@ -47,6 +49,7 @@ CONDITIONS: Mapping[str, Mapping[str, Any]] = {
     "noise, gusts round 5 m/s": _GUSTS,
     "noise, gusts, 6 m/s": {**_GUSTS, **_FAST},
     "noise, gusts, another vehicle": {**_GUSTS, **_OTHER_VEHICLE},
+    "gusts, filter estimate": {**_GUSTS, "vehicle.sensors.estimator": "filter"},
 }
 PAPER: Mapping[str, Mapping[str, Any]] = {
     "paper, 0.37 s a node": {"mode": "paper", "mpc.step_s": 0.37, "mpc.bandwidth_radps": 4.0},
@@ -133,15 +136,13 @@ def fly_all(
     seeds: Sequence[int],
     overrides: Mapping[str, Any],
     work: Path,
-    on_flight: Callable[[Flown], None],
     planners: Mapping[str, Planner] | None = None,
     scene: Callable[[int], Mapping[str, Any]] | None = None,
-) -> list[Flown]:
-    """Every condition with every seed; logs are overwritten one by one in the directory `work`.
+) -> Iterator[Flown]:
+    """Fly every condition with every seed, one by one as they are asked for; logs are overwritten in the directory `work`.
 
     `planners` has the conditions whose plan is not what the configuration asks for; `scene` gives a seed's own world.
     """
-    flights = []
     for condition, changes in conditions.items():
         for seed in seeds:
             own = scene(seed) if scene else {}
@@ -158,16 +159,14 @@ def fly_all(
             )
             with Progress() as progress:
                 result = run(config, config_path, work, progress, False, planner=(planners or {}).get(condition))
-            flights.append(measure(condition, seed, result.summary, RunLog.read(work / "run.mcap")))
-            on_flight(flights[-1])
-    return flights
+            yield measure(condition, seed, result.summary, RunLog.read(work / "run.mcap"))
 
 
 def measure(condition: str, seed: int, summary: Mapping[str, Any], log: RunLog) -> Flown:
     """The numbers of one flight."""
     at_s, error = tracking_error(log)
-    height = np.interp(at_s, log.control.t_s, log.control.reference_m[:, 2])
-    route = error[height > log.control.reference_m[:, 2].max() - 0.01]
+    aloft_m = log.control.reference_m[:, 2]
+    route = error[np.interp(at_s, log.control.t_s, aloft_m) > aloft_m.max() - 0.01] if error.size else error
     own, union = _outside(log)
     flight, assurance = summary["flight"], summary["assurance"]
     return Flown(
@@ -178,29 +177,21 @@ def measure(condition: str, seed: int, summary: Mapping[str, Any], log: RunLog) 
 
 
 def _outside(log: RunLog) -> tuple[float, float]:
-    """Shares of true places outside of the region of their time, and outside of every region."""
-    assert log.plan is not None
-    corridor, truth, control = log.plan.corridor, log.truth, log.control
-    spans = active_spans(log)
-    on = np.zeros(truth.t_s.shape, dtype=np.bool_)
-    for begin, end in spans:
-        on |= (truth.t_s >= begin) & (truth.t_s < end)
-    places, times = truth.r_m[on, :2], truth.t_s[on]
+    """Shares of true places outside of the region of their time, and outside of every region; NaN without any."""
+    corridor, truth, control = whole_corridor(log), log.truth, log.control
+    on = within(truth.t_s, active_spans(log))
+    if corridor is None or not on.any() or not control.t_s.size:
+        return float("nan"), float("nan")
+    places, times = truth.r_m[on], truth.t_s[on]
     middles, between = (places[1:] + places[:-1]) / 2, (times[1:] + times[:-1]) / 2
     places, times = np.concatenate([places, middles]), np.concatenate([times, between])
     region = control.region[np.clip(np.searchsorted(control.t_s, times, side="right") - 1, 0, None)]
-    own = excess(corridor, places, region) > 0.0
+    own = outside_m(corridor, places, region) > REGION_TOLERANCE_M
     union = own.copy()
     for m in range(len(corridor.Gamma)):
         left = np.flatnonzero(union)
-        union[left] = excess(corridor, places[left], np.full(len(left), m)) > 0.0
+        union[left] = outside_m(corridor, places[left], np.full(len(left), m)) > REGION_TOLERANCE_M
     return float(own.mean()), float(union.mean())
-
-
-def excess(corridor: Corridor, xy_m: Array, region: NDArray[np.int64]) -> Array:
-    """How far (n,) places (n, 2) lie outside of regions (n,); negative inside."""
-    values = np.einsum("kfd,kd->kf", corridor.Lambda[region], xy_m) - corridor.Gamma[region]
-    return np.asarray(values.max(axis=1, initial=-np.inf))
 
 
 def table(flights: Sequence[Flown]) -> str:

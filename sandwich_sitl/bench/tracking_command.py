@@ -4,12 +4,16 @@ import argparse
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.options import check_writable, overrides_of
+
+if TYPE_CHECKING:
+    from sandwich_sitl.bench.tracking import Flown
 
 
 def register(benches: Any) -> None:
@@ -36,7 +40,7 @@ def register(benches: Any) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from sandwich_sitl.bench.town_scenes import town_scene
-    from sandwich_sitl.bench.tracking import ABLATION, CONDITIONS, FAULTS, PAPER, Flown, fly_all, table
+    from sandwich_sitl.bench.tracking import ABLATION, CONDITIONS, FAULTS, PAPER, Flown, fly_all
 
     conditions = PAPER if arguments.paper else FAULTS if arguments.faults else CONDITIONS
     if arguments.ablation:
@@ -50,17 +54,24 @@ def _run(arguments: argparse.Namespace) -> int:
     overrides = overrides_of(arguments.set)
     check_writable("--json", arguments.json)
 
-    def say(flown: Flown) -> None:
-        print(
-            f"bench: {flown.condition}, seed {flown.seed}: {flown.outcome}, {flown.rms_m:.3f} / {flown.worst_m:.3f} m",
-            file=sys.stderr,
-        )
-
+    flights: list[Flown] = []
+    scene = town_scene if arguments.towns else None
     with tempfile.TemporaryDirectory() as work:
         seeds = range(1, arguments.seeds + 1)
-        scene = town_scene if arguments.towns else None
-        flights = fly_all(arguments.config, conditions, seeds, overrides, Path(work), say, planners, scene)
-    print(table(flights))
-    if arguments.json is not None:
-        arguments.json.write_text(json.dumps([asdict(f) for f in flights], indent=1) + "\n", encoding="utf-8")
+        try:
+            for flown in fly_all(arguments.config, conditions, seeds, overrides, Path(work), planners, scene):
+                flights.append(flown)
+                errors = f"{flown.rms_m:.3f} / {flown.worst_m:.3f} m"
+                print(f"bench: {flown.condition}, seed {flown.seed}: {flown.outcome}, {errors}", file=sys.stderr)
+        finally:  # what was flown before a flight that fails is not lost with it
+            _report(flights, arguments.json)
     return 0
+
+
+def _report(flights: "Sequence[Flown]", json_path: Path | None) -> None:
+    from sandwich_sitl.bench.tracking import table
+
+    if flights:
+        print(table(flights))
+    if json_path is not None:
+        json_path.write_text(json.dumps([asdict(f) for f in flights], indent=1) + "\n", encoding="utf-8")

@@ -8,10 +8,12 @@ The ladder, top rung first:
     BRAKE     no accepted plan to go on with, or it has been flown to its end: straight deceleration (mission)
     HOLD      at rest (mission)
 
-A region counts as kept when no point lies further outside than `region_tolerance_m`, or than the motion's first
-point does: a vehicle that wind has pushed out may come back. Regions are convex, so a chord between two grid points of
-one region stays in it; where the region changes, both points must share one. What the curve bulges over its chord
-within a grid step, a dt^2 / 8, is below a millimetre and left to the tolerance.
+A region, and the band of height round the reference, count as kept when no point lies further outside than
+`region_tolerance_m`. A vehicle that wind or an estimate that jumps has put outside may come back: its motion gets no
+further out than it begins, stays inside once it has come in, and ends at most half as far outside. So what is flown
+ends at rest inside its region, or on the way there. Regions are convex, so a chord between two grid points of one
+region stays in it; where the region changes, both points must share one. What the curve bulges over its chord within
+a grid step, a dt^2 / 8, is below a millimetre and left to the tolerance.
 """
 
 from collections.abc import Callable
@@ -27,7 +29,7 @@ Indices = NDArray[np.int64]
 
 GRID_S = 0.02
 _EVERY_ALTITUDE = np.empty((0, 2))
-_BEYOND = 1.25  # of a limit: limits are soft in the problem, a plan that passes them by more is refused
+_GROWTH_M = 1e-3  # what a motion that begins outside may add before it turns
 
 
 class Rung(IntEnum):
@@ -45,17 +47,22 @@ class Fault(StrEnum):
     NONE = ""
     BLIND = "no usable estimate of the vehicle"
     SOLVER = "the solver gave no answer"
+    RAISED = "the solver raised an error"
     NOT_FINITE = "the plan is not finite"
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
     OBSTACLE = "an obstacle has appeared on the way"
+    STOP = "the mission stops"
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a plan may do: limits (4,) of speed, climb, acceleration, jerk, and the regions' tolerance."""
+    """Beyond what a plan is refused: speed across and climb, acceleration across and along z, and jerk (5,); distance
+    from the reference's height; tolerance of the regions and of that band.
+    """
 
     limits: Array
+    height_band_m: float
     region_tolerance_m: float
 
 
@@ -72,74 +79,85 @@ def _beyond(point: Array, Lambda: Array, Gamma: Array, z_m: Array, k: int) -> fl
 _compiled_beyond: Callable[[Array, Array, Array, Array, int], float] = numba.njit(cache=True)(_beyond)
 
 
-def _outside(points: Array, Lambda: Array, Gamma: Array, z_m: Array, region: Indices) -> tuple[float, float]:
-    """First and largest distance outside of the regions of points (m, 3); chords count with the better region."""
-    first, worst = 0.0, 0.0
+def _outside(points: Array, Lambda: Array, Gamma: Array, z_m: Array, region: Indices) -> Array:
+    """Distance (m,) outside of the regions of points (m, 3); a chord counts with the better region, for its end."""
+    distance = np.empty(len(points))
     for i in range(len(points)):
         value = _compiled_beyond(points[i], Lambda, Gamma, z_m, region[i])
-        if i == 0:
-            first = value
-        elif region[i] != region[i - 1]:
+        if i > 0 and region[i] != region[i - 1]:
             # The chord lies in the old region when its end does, in the new one when its start does.
             old = _compiled_beyond(points[i], Lambda, Gamma, z_m, region[i - 1])
             new = _compiled_beyond(points[i - 1], Lambda, Gamma, z_m, region[i])
             value = max(value, min(old, new))
-        worst = max(worst, value)
-    return first, worst
+        distance[i] = value
+    return distance
 
 
-_compiled_outside: Callable[[Array, Array, Array, Array, Indices], tuple[float, float]]
-_compiled_outside = numba.njit(cache=True)(_outside)
+_compiled_outside: Callable[[Array, Array, Array, Array, Indices], Array] = numba.njit(cache=True)(_outside)
 
 
-def outside(
-    points: Array, Lambda: Array, Gamma: Array, region: Indices, z_m: Array = _EVERY_ALTITUDE
-) -> tuple[float, float]:
-    """First and largest distance outside of their regions of points (m, 3) and the chords between them.
+def outside(points: Array, Lambda: Array, Gamma: Array, region: Indices, z_m: Array = _EVERY_ALTITUDE) -> Array:
+    """Distance (m,) outside of their regions of points (m, 3) and the chords that lead to them; negative inside.
 
     Regions (M, F, 2), (M, F) may have altitudes `z_m` (M, 2).
     """
     return _compiled_outside(points, Lambda, Gamma, z_m, region)
 
 
+def comes_back(distance_m: Array, tolerance_m: float) -> bool:
+    """Whether a motion at these distances (m,) outside keeps to the tolerance, or comes back to it from outside."""
+    begins, ends = float(distance_m[0]), float(distance_m[-1])
+    out = distance_m > tolerance_m
+    if not out.any():
+        return True
+    inside = np.flatnonzero(~out)
+    came_in = len(inside) == 0 or bool(out[: inside[0]].all() and not out[inside[0] :].any())
+    nearer = ends <= max(tolerance_m, begins / 2)
+    return bool(out[0]) and came_in and nearer and float(distance_m.max()) <= begins + _GROWTH_M
+
+
 def _largest_motion(states: Array) -> Array:
-    largest = np.zeros(4)
+    largest = np.zeros(5)
     for i in range(len(states)):
         for d in range(12):
             if not np.isfinite(states[i, d]):
-                return np.full(4, np.nan)
+                return np.full(5, np.nan)
         vx, vy, vz, ax, ay, az, jx, jy, jz = states[i, 3:]
         largest[0] = max(largest[0], vx * vx + vy * vy)
         largest[1] = max(largest[1], vz * vz)
-        largest[2] = max(largest[2], ax * ax + ay * ay + az * az)
-        largest[3] = max(largest[3], jx * jx + jy * jy + jz * jz)
+        largest[2] = max(largest[2], ax * ax + ay * ay)
+        largest[3] = max(largest[3], az * az)
+        largest[4] = max(largest[4], jx * jx + jy * jy + jz * jz)
     return np.sqrt(largest)
 
 
-#: Largest speed across, climb, acceleration and jerk (4,) of a motion (m, 12); NaN when any of it is not finite.
+#: Largest speed across and climb, acceleration across and along z, and jerk (5,) of a motion (m, 12); NaN when any of it is not finite.
 largest_motion: Callable[[Array], Array] = numba.njit(cache=True)(_largest_motion)
 
 
 def examine(
-    states: Array, offset_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds,
+    states: Array, offset_m: Array, height_m: Array, Lambda: Array, Gamma: Array, region: Indices, bounds: Bounds,
     z_m: Array = _EVERY_ALTITUDE,
 ) -> Fault:  # fmt: skip
-    """The verdict on a motion (m, 12) every `GRID_S` whose points lie in `region` (m,) when shifted by `offset_m` (m, 3)
-    or (3,).
+    """The verdict on a motion (m, 12) every `GRID_S` whose points, shifted by `offset_m` (m, 3), are to lie in `region`
+    (m,) and near the reference's `height_m` (m,).
     """
     largest = largest_motion(states)
     if np.isnan(largest[0]):
         return Fault.NOT_FINITE
-    if (largest > _BEYOND * bounds.limits).any():
+    if (largest > bounds.limits).any():
         return Fault.LIMITS
-    first, worst = outside(states[:, :3] + offset_m, Lambda, Gamma, region, z_m)
-    if worst > max(bounds.region_tolerance_m, first + 1e-3):
+    points = states[:, :3] + offset_m
+    tolerance_m = bounds.region_tolerance_m
+    if not comes_back(np.abs(points[:, 2] - height_m) - bounds.height_band_m, tolerance_m):
         return Fault.REGION
-    return Fault.NONE
+    return Fault.NONE if comes_back(outside(points, Lambda, Gamma, region, z_m), tolerance_m) else Fault.REGION
 
 
-def describe(rung: Rung, fault: Fault) -> str:
-    """A rung in words."""
+def describe(rung: Rung, fault: Fault, error: str = "") -> str:
+    """A rung in words, with the solver's own where it raised."""
     if rung is Rung.PLAN:
         return "plans are accepted again"
-    return f"{fault}; " + ("slowing down along the last plan" if rung is Rung.SHIFTED else "braking")
+    return f"{fault}{f' ({error})' if error else ''}; " + (
+        "slowing down along the last plan" if rung is Rung.SHIFTED else "braking"
+    )

@@ -68,9 +68,15 @@ class VehicleEstimator:
         self.motion = state.copy()
 
     def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
-        """A new estimate of a vehicle that is at `state` (12,) and keeps only its delay."""
+        """A new estimate of a vehicle that seems to have followed `state` (12,) at its speed up to `t_s`: the delay and
+        the place of the error are kept.
+        """
         fresh = VehicleEstimator(self._config, self._period_s, t_s, state)
         fresh.delay_s = self.delay_s
+        fresh._error[0] = self._error[0]
+        ago_s = self._period_s * np.arange(_KEPT)[::-1]
+        fresh._times, fresh._newest = t_s - ago_s, _KEPT - 1
+        fresh._states[:, :3] -= ago_s[:, None] * state[3:6]
         return fresh
 
     @property
@@ -79,7 +85,7 @@ class VehicleEstimator:
         return np.asarray(self.offset_ahead(np.zeros(1))[0])
 
     def offset_ahead(self, times_s: Array) -> Array:
-        """What is to be aimed off (n, 3) at times (n,) >= 0 from now, at most `offset_limit_m` long."""
+        """What is to be aimed off (n, 3) at times (n,) >= 0 from the last measurement, at most `offset_limit_m` long."""
         return drifting(times_s, self._error, _DRIFT_S, self._config.offset_limit_m)
 
     def commanded(self, t_s: float, state: Array) -> None:

@@ -10,6 +10,14 @@ bounded hard, so every tick has an answer; the linear terms rho_1 make the penal
 answer keeps it as long as no multiplier sum of a step exceeds rho_1. Norms are replaced by inscribed polygons: eight
 sides for v and a, four for j and u, so a plan within them is within the limits.
 
+How far that carries, at bandwidth 8 and limits 12, 3.2, 40, 600: with the desired positions inside their regions, as in
+flight, no row is broken in any of 938 random ticks of 20 steps of 0.1 s whose rows can all be kept with a millimetre of
+room (and 0.1 % of the limits); with less room, by up to 1.1 mm. At rest in a box of 1 m, asked to a place d outside, the
+plan stays in until d = 4 m and leaves by 7, 11, 47, 211, 507 mm at 5, 10, 15, 25, 40 m; with 40 steps of 0.05 s until
+1 m, by 1, 11, 48, 188, 483 mm. Where no hard answer exists, the penalties come to at most 0.3 more than their least
+(15 mm outside for one step; median 0.01), which the cheaper plan outweighs. The height has weight 20 and penalties that
+are as much higher: its plan stays in its band until 5 m outside, with 40 steps until 2 m and then leaves by 1 mm.
+
 The axes couple through the regions alone and have one and the same response, so every matrix here is that of one
 axis. With xi = L' u and W1 / beta = L L' the Hessian becomes the identity; the rows are then
 
@@ -30,9 +38,10 @@ from sandwich_sitl.control.stacking import cost_matrix, stack
 
 Array = NDArray[np.float64]
 
-REGION_PENALTY = (20.0, 50.0)  # rho_1 in m, rho_2: control cost of a metre outside, against squared metres of error
-MOTION_PENALTY = (20.0, 20.0)  # per share of the limit
+REGION_PENALTY = (20.0, 50.0)  # rho_1 in m, rho_2 at weight one: cost of a metre outside, against half a squared metre
+MOTION_PENALTY = (20.0, 20.0)  # the same per share of the limit
 QUANTITIES = 5  # r, v, a, j, u
+INSCRIBED = cos(pi / 8)  # radius of what the eight sides of speed and acceleration leave in every direction
 FARTHEST_M = 1e4
 SOLVED, FREE, FAILED = 1, 2, -1  # statuses every solver is translated to
 
@@ -90,7 +99,12 @@ def polygon_normals(sides: int, axes: int) -> Array:
 
 
 class Horizon:
-    """Constants of the problem: `n_tau` steps of `step_s`, `axes` 1 or 2, at most `faces` half-planes a step."""
+    """Constants of the problem: `n_tau` steps of `step_s`, `axes` 1 or 2, at most `faces` half-planes a step.
+
+    `scales` (5,) are what r, v, a, j, u come to where a metre is made good at the bandwidth omega: omega^k, with which
+    the costs of r and u weigh the same. `penalties` (2, 2) = rho_1, rho_2 of regions and of motion limits. They grow
+    with `weight`, as the multipliers do.
+    """
 
     def __init__(
         self,
@@ -105,10 +119,12 @@ class Horizon:
     ) -> None:
         self.n_tau, self.axes, self.faces, self.weight = n_tau, axes, faces, weight
         self.beta = bandwidth_radps**8
+        self.scales = bandwidth_radps ** np.arange(5.0)
+        self.penalties = weight * np.array([REGION_PENALTY, MOTION_PENALTY])
         model = quadruple_integrator(step_s, discretisation)
         self.chain, self.drive = model.A_p[::3, ::3], model.B_p[::3, 0]
         self.edges = tuple(polygon_normals(sides, axes) for sides in (8, 8, 4, 4))  # of v, a, j, u
-        shrink = (cos(pi / 8), cos(pi / 8), sqrt(0.5), sqrt(0.5)) if axes == 2 else (1.0, 1.0, 1.0, 1.0)
+        shrink = (INSCRIBED, INSCRIBED, sqrt(0.5), sqrt(0.5)) if axes == 2 else (1.0, 1.0, 1.0, 1.0)
         given = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3, limits.snap_mps4)
         self.bounded = tuple(isfinite(limit) for limit in given)
         self.units = np.array(
@@ -183,8 +199,8 @@ class Horizon:
         reached = self.answer_of_snap(snap, tick, SOLVED, 0)
         s, t = reached.slack_m, reached.excess
         tracking = self.weight * float(((reached.motion[0] - tick.desired) ** 2).sum()) / 2
-        penalty = sum(
+        penalty: float = sum(
             rho_1 * float(value.sum()) + rho_2 * float(value @ value) / 2
-            for (rho_1, rho_2), value in ((REGION_PENALTY, s), (MOTION_PENALTY, t))
+            for (rho_1, rho_2), value in zip(self.penalties, (s, t), strict=True)
         )
         return float((snap**2).sum()) / (2 * self.beta) + tracking + penalty

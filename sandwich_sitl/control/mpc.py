@@ -1,14 +1,18 @@
 """The paper's MPC as two problems of one kind: x and y in their regions, z in its band (paper, section V-B).
 
-The printed equality z = z0 asks for unbounded snap, since the sampled chain has a zero at -9.9; z is a penalty here and a
-soft band round the desired height, within the altitudes of the region where it has some (floors). x and y never meet z, so
-each problem is solved on its own, by the solver that `mpc.solver` names.
+The printed equality z = z0 asks for unbounded snap, since the sampled chain has a zero at -9.9; z is a penalty here and
+a soft band round the desired height, within the altitudes of the region where it has some (floors). x and y never meet
+z, so each problem is solved on its own, by the solver that `mpc.solver` names.
 
 Recursive feasibility. The QP itself always has an answer, because only its input is bounded hard. What is carried
-from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions. A
-tick either accepts a new plan that has been checked to do so, or goes on with the old one, which still does: regions
-do not move, and the rest of a motion that keeps them keeps them. So the statement holds at every tick once it has
-held at one, whatever the solver returns; the first tick starts at rest, where standing still is such a plan.
+from tick to tick is the stronger statement of `assurance`: the plan in force ends at rest inside proven regions, or
+nearer to them than it began when the vehicle has been put outside. A tick either accepts a new plan that has been
+checked to do so, or goes on with the old one, which still does: regions do not move, and the rest of a motion that
+keeps them keeps them. So the statement holds at every tick once it has held at one, whatever the solver returns; the
+first tick starts at rest, where standing still is such a plan. It is a statement about the command and the offset that
+was foreseen when the plan was looked at: wind that comes later moves the vehicle beside it until a new plan is accepted.
+
+Places are handed to the solvers relative to the command's own, so that a world's distance from its origin costs no digits.
 """
 
 from collections.abc import Callable
@@ -80,18 +84,21 @@ class Mpc:
     def ticks(
         self, x: Array, desired_m: Array, Lambda: Array, Gamma: Array, z_m: Array | None = None
     ) -> tuple[HorizonTick, HorizonTick]:
-        """The two problems of state x (12,), desired positions (n, 3), half-planes Lambda (n, F, 2), Gamma (n, F).
+        """The two problems of state x (12,), desired positions (n, 3), half-planes Lambda (n, F, 2), Gamma (n, F), all
+        relative to the position in x.
 
         Regions that have altitudes bring the lowest and highest, `z_m` (n, 2).
         """
-        state = x.reshape(4, 3)
+        state, here = x.reshape(4, 3).copy(), x[:3]
+        state[0] = 0.0
+        desired_m = desired_m - here
         z = desired_m[:, 2:]
         far = self._band_m if np.isfinite(self._band_m) else 1e6
         band = np.concatenate([z + far, far - z], axis=1)
         if z_m is not None:
-            band = np.minimum(band, z_m[:, ::-1] * _UP_DOWN)
+            band = np.minimum(band, (z_m[:, ::-1] - here[2]) * _UP_DOWN)
         return (
-            HorizonTick(state[:, :2], desired_m[:, :2], Lambda, Gamma),
+            HorizonTick(state[:, :2], desired_m[:, :2], Lambda, Gamma - Lambda @ here[:2]),
             HorizonTick(state[:, 2:], z, self._z_normals, band),
         )
 
@@ -103,10 +110,11 @@ class Mpc:
         )
         n = self.n_tau
         states = np.concatenate([plane.motion, height.motion], axis=2).transpose(1, 0, 2).reshape(n, 12)
+        states[:, :3] += x[:3]
         return MpcSolution(
             np.concatenate([plane.snap, height.snap], axis=1),
             states,
-            plane.slack_m,
+            np.maximum(plane.slack_m, height.slack_m),
             np.maximum(plane.excess, height.excess),
             max(plane.status, height.status, key=_SERIOUS.index),
             plane.iterations + height.iterations,

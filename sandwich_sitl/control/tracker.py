@@ -1,9 +1,10 @@
 """`Tracker`: one control tick from reference, corridor and telemetry to a checked set-point (paper, section V).
 
 The command is one unbroken motion of the plant model: each tick's plan starts from the command in force, so feedback
-never makes it jump. Feedback moves what the plan aims at: the reference, and the regions, less the offset that the
-estimator sees between vehicle and command. What is commanded now is flown a delay later, so the plan looks that much
-further ahead. Estimated motion enters through the offset to come (`estimator`) and nowhere else.
+never makes it jump; only after a pause of this process does it begin anew, where the vehicle has come to. Feedback
+moves what the plan aims at: the reference, and the regions, less the offset that the estimator sees between vehicle and
+command. What is commanded now is flown a delay later, so the plan looks that much further ahead. Estimated motion
+enters through the offset to come (`estimator`) and nowhere else.
 """
 
 from collections.abc import Callable
@@ -24,9 +25,10 @@ from sandwich_sitl.planning.flight_plan import Corridor, Reference
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_MOST_PERIODS = 5  # a tick later than this does not make the command leap
+_PAUSE_S = 0.2  # a tick that comes later than this, and than two periods, finds the vehicle somewhere else
 _LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
 _LIFT_S = 5.0
+_BEYOND = 1.25  # of a limit: limits are soft in the problem, and a stop brakes beside what its plan does
 _LEFT_M = 1e-3  # a reference this far from its start over ground has left it
 
 
@@ -37,7 +39,7 @@ class Tick:
 
     `desired_m` (3,) is the reference and `region` its corridor index at the time of the tick; `ahead_m` (n, 3) is the
     plan in force; `offset_m` (3,) and `delay_s` are the estimator's, `rate` the reference clock's; `motion` (12,) is
-    the estimated r, v, a, j of the vehicle.
+    the estimated r, v, a, j of the vehicle. `error` is what the solver raised, if it did.
     """
 
     setpoint: Array
@@ -52,6 +54,7 @@ class Tick:
     delay_s: float
     rate: float
     motion: Array
+    error: str
 
 
 class Tracker:
@@ -68,11 +71,12 @@ class Tracker:
         self._reference, self._corridor = reference, corridor
         self._config, self._period_s, self._mpc = config, 1.0 / config.mpc.rate_hz, mpc
         self._brake_mps2 = config.mission.brake_mps2
+        self._pause_s = max(_PAUSE_S, 2.0 * self._period_s)
         self._bounds = _bounds(config)
         self._steps_s = np.arange(1, mpc.n_tau + 1, dtype=np.float64) * mpc.step_s
         self.command = np.concatenate([r_m, np.zeros(9)])
         self._start_m = r_m.copy()
-        self._lifting = bool(r_m[2] < reference.xyz_m[0, 2] + _LIFT_M / 2 < reference.xyz_m[-1, 2])
+        self.lifting = bool(r_m[2] < reference.xyz_m[0, 2] + _LIFT_M / 2 < reference.xyz_m[-1, 2])
         self.clock = ReferenceClock(self._when_at(r_m[2]) - self._period_s)  # the first tick advances it
         self.estimator = VehicleEstimator(config.tracking, self._period_s, 0.0, self.command)
         self._stop = standing(self.command, mpc.step_s)
@@ -80,6 +84,8 @@ class Tracker:
         begins_s = self._when_at(r_m[2])
         self._stop_sigma: Callable[[Array], Array] = lambda progress: np.full_like(progress, begins_s)  # it waits too
         self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
+        self.stops = False  # the same because the flight is to end
+        self._solver_error = ""
         self._last_s = -self._period_s
 
     @property
@@ -95,13 +101,13 @@ class Tracker:
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
         gap_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
-        dt = min(gap_s, _MOST_PERIODS * self._period_s)
-        if gap_s > dt and not self._lifting and np.isfinite(r_m).all() and np.isfinite(v_mps).all():
+        dt = min(gap_s, self._pause_s)
+        if gap_s > dt and not self.lifting and np.isfinite(r_m).all() and np.isfinite(v_mps).all():
             self._pick_up(t_s, gap_s, r_m + age_s * v_mps, v_mps)
             dt = self._period_s
         self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
-        if not self._lifting:
+        if not self.lifting:
             self.clock.advance(dt, float(np.linalg.norm(self.command[3:6])))
         seen = self.estimator.measure(t_s, t_s - age_s, r_m, v_mps)
         solution, stop, fault = self._plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
@@ -110,14 +116,14 @@ class Tracker:
             self.clock.follow(stood_s, 0.0)
         snap = solution.snap[0] if rung is Rung.PLAN else (self.command[9:] - before[9:]) / max(dt, 1e-9)
         asked = self.command
-        if self._lifting and rung is not Rung.BRAKE:
+        if self.lifting and rung is not Rung.BRAKE:
             asked, snap = self._push_off(r_m, v_mps), snap * (1.0, 1.0, 0.0)
         self.estimator.commanded(t_s, asked)
         return self._tick(solution, rung, fault, snap, self._rest_of_stop(t_s))
 
     def _pick_up(self, t_s: float, gap_s: float, r_m: Array, v_mps: Array) -> None:
-        """After a pause of this process: the vehicle went on with its last set-point, so the plan begins where it is now,
-        and the reference where the vehicle has come to along it, as fast as the vehicle is.
+        """After a pause of this process: the vehicle went on with its last set-point, so the plan begins with the command
+        that it seems to follow now, and the reference where the vehicle has come to along it, as fast as the vehicle is.
         """
         times = self.clock.t_s + np.arange(0.0, gap_s + self._period_s, self._period_s)
         places = self._sample(times)[0]
@@ -126,7 +132,8 @@ class Tracker:
         pace_mps = (there - here) / self._period_s
         rate = float(v_mps @ pace_mps) / max(float(pace_mps @ pace_mps), 1e-6)
         self.clock.follow(float(times[nearest]), min(max(rate, 0.0), 1.0))
-        self.command = np.concatenate([r_m, v_mps, np.zeros(6)])
+        followed_m = r_m - self.estimator.offset_m + self.estimator.delay_s * v_mps
+        self.command = np.concatenate([followed_m, v_mps, np.zeros(6)])
         self.estimator = self.estimator.restarted(t_s, self.command)
 
     def _await_lift_off(self, t_s: float, r_m: Array) -> None:
@@ -135,12 +142,12 @@ class Tracker:
         Then the height is planned from where the vehicle is. Across, the plan holds the vehicle over its start from the
         first tick on, because wind takes hold of it in the moment in which the ground lets go.
         """
-        if not self._lifting:
+        if not self.lifting:
             return
         height = float(r_m[2] - self._start_m[2])
         self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), _LIFT_M)))
-        self._lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
-        if not self._lifting:
+        self.lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
+        if not self.lifting:
             here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0][:, 2]
             self.command = self.command.copy()
             self.command[2::3] = [here, (there - here) / self._period_s, 0.0, 0.0]
@@ -165,28 +172,40 @@ class Tracker:
         return Tick(
             self.command.copy(), snap, now[0], int(region[0]), solution, rung, fault, ahead_m,
             self.estimator.offset_m.copy(), self.estimator.delay_s, self.clock.rate, self.estimator.motion,
+            self._solver_error,
         )  # fmt: skip
 
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
-        if self.way_is_barred:
-            return self._mpc.no_solution(), None, Fault.OBSTACLE
+        if self.stops or self.way_is_barred:
+            return self._mpc.no_solution(), None, Fault.STOP if self.stops else Fault.OBSTACLE
         delay = self.estimator.delay_s
         offset = self.estimator.offset_ahead(self._steps_s + delay)
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
         moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
         band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
-        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
+        self._solver_error = ""
+        try:
+            solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
+        except (
+            ArithmeticError,
+            ValueError,
+            RuntimeError,
+        ) as error:  # a broken solver is no reason to fall out of the sky
+            self._solver_error = f"{type(error).__name__}: {error}"
+            return self._mpc.no_solution(), None, Fault.RAISED
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
         stop = stop_along(knots, solution.snap, self._mpc.step_s, dt, self._brake_mps2)
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
-        _, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
+        desired, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
         aimed_off, corridor = self.estimator.offset_ahead(times + delay), self._corridor
-        Lambda, Gamma, z_m = corridor.Lambda, corridor.Gamma, corridor.z_m
-        fault = examine(stop.states(times), aimed_off, Lambda, Gamma, along, self._bounds, z_m)
+        fault = examine(
+            stop.states(times), aimed_off, desired[:, 2], corridor.Lambda, corridor.Gamma, along, self._bounds,
+            corridor.z_m,
+        )  # fmt: skip
         return solution, stop if fault is Fault.NONE else None, fault
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:
@@ -215,11 +234,14 @@ class Tracker:
 def _bounds(config: RunConfig) -> Bounds:
     """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
     if config.mode == "paper":
-        return Bounds(np.full(4, np.inf), np.inf)
-    limits = motion_limits(config.mpc)
-    push = float(np.hypot(limits.acceleration_mps2, config.mpc.acceleration_mps2))
+        return Bounds(np.full(5, np.inf), np.inf, np.inf)
+    mpc, limits = config.mpc, motion_limits(config.mpc)
+    across = max(_BEYOND * limits.acceleration_mps2, limits.acceleration_mps2 + config.mission.brake_mps2)
+    up = max(_BEYOND * mpc.acceleration_mps2, mpc.acceleration_mps2 + config.mission.brake_mps2)
+    jerk = _BEYOND * np.sqrt(2) * limits.jerk_mps3
     return Bounds(
-        np.array([limits.speed_mps, config.mpc.climb_mps, push, np.sqrt(2) * limits.jerk_mps3]),
+        np.array([_BEYOND * limits.speed_mps, _BEYOND * mpc.climb_mps, across, up, jerk]),
+        mpc.height_band_m,
         config.assurance.region_tolerance_m,
     )
 

@@ -61,6 +61,9 @@ class Pacer(Protocol):
     def sent(self, datagram: bytes) -> None:
         """Send what belongs to this tick."""
 
+    def late_s(self, wall_s: float) -> float:
+        """By how many wall seconds the tick's period was over at `time.monotonic()` `wall_s`; 0 before its end."""
+
 
 class LockstepPacer:
     """The vehicle's time advances one period for each datagram of this side."""
@@ -110,6 +113,11 @@ class LockstepPacer:
         """Send, and keep for a retry."""
         self._datagram = datagram
         self._transport.send(datagram)
+
+    def late_s(self, wall_s: float) -> float:
+        """Always 0: the vehicle's time stands still until it is answered."""
+        del wall_s
+        return 0.0
 
     def _accept(self, frames: Sequence[Frame]) -> bool:
         if not frames or frames[-1].message_id != mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
@@ -164,7 +172,7 @@ class RealtimePacer:
         self._after_receive = after_receive
         self._splitter = FrameSplitter()
         self._wall0 = time.monotonic()
-        self._deadline = self._wall0
+        self._deadline = self._period_end = self._wall0
         self._offset_s = 0.0
         self._samples: list[float] = []
         self._first_sample = 0.0
@@ -190,6 +198,7 @@ class RealtimePacer:
         late_s = now - deadline
         self.lateness.worst_late_s = max(self.lateness.worst_late_s, late_s)
         self.lateness.late_ticks += late_s > 0.5 * self._wall_period_s
+        self._period_end = deadline + self._wall_period_s
         self._deadline = (now if late_s > self._wall_period_s else deadline) + self._wall_period_s
         if self._inbox.vehicle is not None and now - self._last_heard > self._loss_s:
             raise LinkError(
@@ -202,6 +211,10 @@ class RealtimePacer:
         """Send, if there is anything to send."""
         if datagram:
             self._transport.send(datagram)
+
+    def late_s(self, wall_s: float) -> float:
+        """Against the end of the period as it was due, however late the tick began."""
+        return max(0.0, wall_s - self._period_end)
 
     def _run_s(self, wall: float) -> float:
         return self._speed * (wall - self._wall0) + self._offset_s

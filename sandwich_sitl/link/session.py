@@ -138,6 +138,12 @@ class LinkSession:
         self._view = self._inbox.telemetry.view(self._pacer.heard)
         return self._now_s
 
+    def late_s(self, wall_s: float) -> float:
+        """By how many wall seconds this tick's period was over at `time.monotonic()` `wall_s`; 0 before its end, and in
+        lockstep, where the vehicle waits.
+        """
+        return self._pacer.late_s(wall_s)
+
     @property
     def view(self) -> VehicleView:
         """The vehicle as of the last `next_tick`."""

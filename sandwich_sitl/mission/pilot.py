@@ -1,6 +1,7 @@
 """`Pilot`: what the mission wants streamed becomes this tick's set-point (pure; time is an argument).
 
-State: the tracker while it flies, the braking profile while it brakes, the pose while it holds. Heights are measured
+State: the tracker while it flies and until its last plan has come to its stop, the braking profile where there is no
+such plan, the pose while it holds. Heights are measured
 above the ground the vehicle stood on when it was primed, because autopilots start with height errors of a metre and
 more.
 """
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Rung
-from sandwich_sitl.control.horizon import Horizon, HorizonSolver
+from sandwich_sitl.control.horizon import INSCRIBED, Horizon, HorizonSolver
 from sandwich_sitl.control.mpc import Mpc, motion_limits
 from sandwich_sitl.control.solvers.registry import solver_for_flight
 from sandwich_sitl.control.tracker import Tick, Tracker, rehearse
@@ -130,6 +131,10 @@ class Pilot:
             return Steering(None, None)
         if stream is Stream.TRACK:
             return self._track(now_s, view.r_m, view.v_mps, view)
+        if stream is Stream.BRAKE and self._tracker is not None and not self.plan_stale(now_s):
+            self._tracker.stops = True
+            if not self._tracker.lifting:
+                return self._track(now_s, view.r_m, view.v_mps, view)
         self._tracker = None
         if stream is Stream.POSE:
             return self._answer(self._pose(view.r_m, view))
@@ -181,13 +186,21 @@ class Pilot:
 
 
 def _check_room(config: RunConfig) -> None:
-    """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up."""
+    """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up.
+
+    Across, the plan keeps within a polygon inside the limit's circle.
+    """
     if config.mode == "paper":
         return
     planner, tilted = config.planner, "acceleration_mps2 (with mpc.tilt_deg)"
     pairs = [
-        ("speed_mps", config.mpc.speed_mps, "speed_mps", planner.speed_mps),
-        (tilted, motion_limits(config.mpc).acceleration_mps2, "acceleration_mps2", planner.acceleration_mps2),
+        ("speed_mps", INSCRIBED * config.mpc.speed_mps, "speed_mps", planner.speed_mps),
+        (
+            tilted,
+            INSCRIBED * motion_limits(config.mpc).acceleration_mps2,
+            "acceleration_mps2",
+            planner.acceleration_mps2,
+        ),
     ]
     if planner.floors_m:
         pairs += [
@@ -197,8 +210,8 @@ def _check_room(config: RunConfig) -> None:
     for key, plan, slower, reference in pairs:
         if plan < reference:
             raise InputError(
-                f"mpc.{key}: {plan:g} is less than planner.{slower} {reference:g}, so the plan could "
-                "not follow its own reference; raise the one or lower the other"
+                f"mpc.{key}: leaves the plan {plan:.3g} in every direction, less than planner.{slower} {reference:g}, so "
+                "it could not follow its own reference; raise the one or lower the other"
             )
 
 

@@ -138,14 +138,14 @@ class Rerouting:
     def step(
         self, now_s: float, at: Whereabouts, reports: Sequence[ObstacleReport], answer: Replan | None
     ) -> RerouteOrders:
-        """One tick."""
+        """One tick. An answer to a question that one of the `reports` withdraws is passed over."""
         log: list[tuple[str, str]] = []
         new = tuple(report for report in reports if self._hear(now_s, at, report, log))
         if self._attempt is not None and self._config.mode == "paper":
             self._give_up("paper mode plans before take-off only", log)
         if self._given_up:
             return RerouteOrders(barred=True, new=new, log=tuple(log))
-        adopted = self._answered(now_s, at, answer, log) if answer is not None else None
+        adopted = self._answered(now_s, at, answer, log) if answer is not None and not self.idle else None
         ask = None
         if self._attempt is not None and self._pending is None and not self._given_up:
             ask = self._ask(now_s, at, self._attempt)

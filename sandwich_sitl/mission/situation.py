@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from sandwich_sitl.config import MissionConfig
+from sandwich_sitl.control.stop_plan import STEEPEST
 from sandwich_sitl.mission.audit import AUDITED
 from sandwich_sitl.mission.commands import Arm, Command, SetMode
 from sandwich_sitl.mission.orders import MissionInputs, OutcomeName, State
@@ -275,7 +276,7 @@ def deadline_s(state: State, task: Task, entry_speed_mps: float = 0.0) -> float:
         State.REQUEST: config.request_timeout_s,
         State.TAKEOFF: config.land_timeout_s + task.altitude_m / _SLOWEST_SINK_MPS,
         State.ACTIVE: task.route_s + config.land_timeout_s,
-        State.BRAKE: entry_speed_mps / config.brake_mps2 + 2.0,
+        State.BRAKE: STEEPEST * entry_speed_mps / config.brake_mps2 + 2.0,
         State.HOLD: max(config.prime_s, config.hold_s),
         State.LAND: landing_s,
         State.WATCH: 3.0 * landing_s,  # Return climbs and flies home before it lands

@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sandwich_sitl.planning.flight_plan import Corridor
 from sandwich_sitl.planning.prisms import Prisms
 from sandwich_sitl.recording.reader import RunLog
 
@@ -61,20 +60,6 @@ def appeared_clearance_m(log: RunLog, flown: NDArray[np.bool_]) -> float | None:
             ring_m = shapely.get_coordinates(obstacle.polygon.exterior)
             least.append(Prisms([ring_m], np.array([obstacle.top_m])).distance_of_path_m(path_m))
     return min(least, default=None)
-
-
-def whole_corridor(log: RunLog) -> Corridor | None:
-    """Every region of the flight by its number: those of the plan before take-off, then those of each new one."""
-    if log.plan is None:
-        return None
-    parts = [log.plan.corridor, *(update.corridor for update in log.updates)]
-    return Corridor(
-        np.concatenate([part.Lambda for part in parts]),
-        np.concatenate([part.Gamma for part in parts]),
-        tuple(ring for part in parts for ring in part.polygons_m),
-        np.concatenate([part.neighbours_m for part in parts]),
-        log.plan.corridor.z_m,
-    )
 
 
 def detours_section(log: RunLog) -> Section:

@@ -8,7 +8,7 @@ import dataclasses
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -215,13 +215,21 @@ def _metadata(raw: RawLog) -> dict[str, dict[str, str]]:
 
 def _timings(raw: RawLog) -> WallTimings:
     batches = [record.metadata for record in raw.metadata if record.name == "wall_timing"]
-    columns = {name: [json.loads(batch[name]) for batch in batches] for name in ("t_ns", "solve_s", "loop_s", "late_s")}
+    names = ("t_ns", "solve_s", "loop_s", "late_s", "sent_s")
+    columns = {name: [_numbers_of(batch, name) for batch in batches] for name in names}
     ticks = [
         int(batch["first_tick"]) + np.arange(len(row)) for batch, row in zip(batches, columns["solve_s"], strict=True)
     ]
     flat = {name: np.array([value for row in rows for value in row], dtype=float) for name, rows in columns.items()}
     t_s = flat.pop("t_ns") / 1e9
     return WallTimings(tick=np.concatenate([np.empty(0, dtype=np.int64), *ticks]), t_s=t_s, **flat)
+
+
+def _numbers_of(batch: Mapping[str, str], name: str) -> list[float]:
+    """One number a tick; NaN where the log was written before there was such a column."""
+    if name in batch:
+        return list(json.loads(batch[name]))
+    return [np.nan] * len(json.loads(batch["solve_s"]))
 
 
 def _vehicle(payloads: Payloads) -> dict[str, Array]:

@@ -201,6 +201,7 @@ class RunRecorder:
             "solve_s": [round(timing.solve_s, 7) for _, timing in batch],
             "loop_s": [round(timing.loop_s, 7) for _, timing in batch],
             "late_s": [round(timing.late_s, 7) for _, timing in batch],
+            "sent_s": [round(timing.sent_s, 6) for _, timing in batch],
         }
         self.metadata("wall_timing", {"first_tick": self._first_tick, **columns})
 

@@ -111,8 +111,11 @@ class PlanUpdate:
 
 @dataclass(frozen=True)
 class TickTiming:
-    """Wall-clock seconds of one tick. `late_s`: how long after its deadline the work ended, 0 when in time."""
+    """Wall-clock seconds of one tick. `late_s`: how long after the end of its period the set-point went out, 0 when in time
+    and in lockstep; `sent_s`: when that was by `time.monotonic()`.
+    """
 
     solve_s: float
     loop_s: float
     late_s: float
+    sent_s: float

@@ -10,9 +10,8 @@ that appeared in flight, from then on. Errors are
 |truth - reference| in 3-D while the mission is ACTIVE, the reference interpolated to the truth's times.
 """
 
-import itertools
 import json
-from collections import Counter, defaultdict
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,11 @@ from sandwich_sitl.channels.check import examine
 from sandwich_sitl.planning.baselines import path_length
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.prisms import Prisms
-from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section, whole_corridor
+from sandwich_sitl.recording.detours import appeared_clearance_m, detours_section
+from sandwich_sitl.recording.ladder import assurance_section
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.regions import outside_m, whole_corridor
+from sandwich_sitl.recording.spans import Span, spans, state_spans, within
 from sandwich_sitl.recording.tracks import Frame
 
 Array = NDArray[np.float64]
@@ -52,7 +54,7 @@ def summarise(log: RunLog) -> Section:
         "floors": _floors_section(log.plan),
         "flight": flight,
         "mpc": _mpc_section(log),
-        "assurance": _assurance_section(log),
+        "assurance": assurance_section(log),
         "detours": detours_section(log),
         "link": _link_section(log),
     }
@@ -91,18 +93,18 @@ def route_lengths(plan: FlightPlan) -> Section:
     }
 
 
-def active_spans(log: RunLog) -> list[tuple[float, float]]:
+def active_spans(log: RunLog) -> list[Span]:
     """Intervals [from, to) in which the mission's state was ACTIVE."""
-    return _spans(log, [state == ACTIVE for state in log.mission.state])
+    return state_spans(log, ACTIVE)
 
 
 def tracking_error(log: RunLog) -> tuple[Array, Array]:
     """Times (N,) and |truth - reference| (N,) in metres while ACTIVE, at the truth's times."""
-    control_on = _within(log.control.t_s, active_spans(log))
+    control_on = within(log.control.t_s, active_spans(log))
     t_s, reference_m = log.control.t_s[control_on], log.control.reference_m[control_on]
     if t_s.size == 0 or log.truth.t_s.size == 0:
         return np.empty(0), np.empty(0)
-    inside = _within(log.truth.t_s, active_spans(log)) & (log.truth.t_s >= t_s[0]) & (log.truth.t_s <= t_s[-1])
+    inside = within(log.truth.t_s, active_spans(log)) & (log.truth.t_s >= t_s[0]) & (log.truth.t_s <= t_s[-1])
     at_s = log.truth.t_s[inside]
     return at_s, np.linalg.norm(log.truth.r_m[inside] - _interpolate(at_s, t_s, reference_m), axis=1)
 
@@ -161,15 +163,15 @@ def _floors_section(plan: FlightPlan | None) -> Section:
 
 
 def _flight_section(log: RunLog) -> Section:
-    spans = _spans(log, log.mission.armed.tolist())
-    flown = _within(log.truth.t_s, spans)
+    in_flight = spans(log, log.mission.armed.tolist())
+    flown = within(log.truth.t_s, in_flight)
     path_m = log.truth.r_m[flown]
     clearances_m = [clearance_m(path_m, log.plan), appeared_clearance_m(log, flown)]
     _, error_m = tracking_error(log)
     wall_text = log.metadata.get("result", {}).get("wall_seconds")
     wall_s = float(wall_text) if wall_text is not None else None
     return {
-        "duration_s": sum(end - start for start, end in spans),
+        "duration_s": sum(end - start for start, end in in_flight),
         "path_flown_m": path_length(path_m[:, :2]) if len(path_m) else None,
         "rms_error_m": float(np.sqrt(np.mean(error_m**2))) if error_m.size else None,
         "max_error_m": float(error_m.max()) if error_m.size else None,
@@ -189,17 +191,12 @@ def clearance_m(path_m: Array, plan: FlightPlan | None) -> float | None:
 
 def _quadrangle_violations(log: RunLog) -> int | None:
     """Control samples while ACTIVE at which the true position lies outside its region."""
-    chosen = _within(log.control.t_s, active_spans(log)) & (log.control.region >= 0)
+    chosen = within(log.control.t_s, active_spans(log)) & (log.control.region >= 0)
     corridor = whole_corridor(log)
     if corridor is None or log.truth.t_s.size == 0:
         return None
-    region = log.control.region[chosen]
     r_m = _interpolate(log.control.t_s[chosen], log.truth.t_s, log.truth.r_m)
-    excess_m = np.einsum("kfd,kd->kf", corridor.Lambda[region], r_m[:, :2]) - corridor.Gamma[region]
-    if len(corridor.z_m):
-        low_m, high_m = corridor.z_m[region].T
-        excess_m = np.column_stack([excess_m, low_m - r_m[:, 2], r_m[:, 2] - high_m])
-    return int(np.count_nonzero((excess_m > REGION_TOLERANCE_M).any(axis=1)))
+    return int(np.count_nonzero(outside_m(corridor, r_m, log.control.region[chosen]) > REGION_TOLERANCE_M))
 
 
 def _mpc_section(log: RunLog) -> Section:
@@ -213,22 +210,6 @@ def _mpc_section(log: RunLog) -> Section:
         "infeasible": int(np.isin(log.control.solver_status, INFEASIBLE_STATUS).sum()),
         "deadline_misses": int(np.count_nonzero(timings.late_s > 0)),
         "max_slack_m": float(slack_m.max()) if slack_m.size else None,
-    }
-
-
-def _assurance_section(log: RunLog) -> Section:
-    """Ticks on each rung of the ladder, how often a plan was refused and how often accepted again, faults in ticks."""
-    rung = log.control.rung
-    before = np.concatenate([[0], rung[:-1]])  # a flight that begins without a plan has fallen back too
-    fell = int(np.count_nonzero((rung > 0) & (before == 0))) if rung.size else 0
-    rose = int(np.count_nonzero((rung == 0) & (before > 0))) if rung.size else 0
-    return {
-        "plan": int(np.count_nonzero(rung == 0)),
-        "shifted": int(np.count_nonzero(rung == 1)),
-        "brake": int(np.count_nonzero(rung == 2)),
-        "fallbacks": fell,
-        "recoveries": rose,
-        "faults": dict(sorted(Counter(fault for fault in log.control.fault if fault).items())),
     }
 
 
@@ -260,25 +241,6 @@ def _sequence_and_sender(frame: bytes) -> tuple[int, tuple[int, int]] | None:
     if len(frame) >= 8 and frame[0] == 0xFE:
         return frame[2], (frame[3], frame[4])
     return None
-
-
-def _spans(log: RunLog, holds: list[bool]) -> list[tuple[float, float]]:
-    """Intervals [from, to) of the mission track in which `holds` is true; the last row holds to the end of the log."""
-    ends = [*log.mission.t_s[1:].tolist(), np.nextafter(log.span_s[1], np.inf)]
-    rows = zip(holds, log.mission.t_s.tolist(), ends, strict=False)
-    spans = []
-    for on, group in itertools.groupby(rows, key=lambda row: row[0]):
-        members = list(group)
-        if on:
-            spans.append((members[0][1], members[-1][2]))
-    return spans
-
-
-def _within(t_s: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
-    inside = np.zeros(t_s.shape, dtype=np.bool_)
-    for start, end in spans:
-        inside |= (t_s >= start) & (t_s < end)
-    return inside
 
 
 def _interpolate(at_s: Array, t_s: Array, values: Array) -> Array:

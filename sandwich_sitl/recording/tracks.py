@@ -81,10 +81,11 @@ class Frame:
 
 @dataclass(frozen=True)
 class WallTimings:
-    """Wall-clock seconds of each tick (K,)."""
+    """Wall-clock seconds of each tick (K,), as in `TickTiming`."""
 
     tick: Integers
     t_s: Array  # log time of the message written before
     solve_s: Array
     loop_s: Array
     late_s: Array
+    sent_s: Array

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from sandwich_sitl.errors import InputError, SandwichError
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.prisms import Prisms
-from sandwich_sitl.recording.detours import appeared, whole_corridor
+from sandwich_sitl.recording.detours import appeared
 from sandwich_sitl.recording.reader import RunLog
+from sandwich_sitl.recording.regions import whole_corridor
 from sandwich_sitl.recording.scene import UNKNOWN_HEIGHT_FACTOR
 from sandwich_sitl.recording.summary import tracking_error
 from sandwich_sitl.recording.tracks import PoseTrack

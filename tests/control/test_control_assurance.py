@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine, outside
+from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, comes_back, describe, examine, outside
+from sandwich_sitl.control.horizon import Horizon, HorizonAnswer, HorizonTick
 from sandwich_sitl.control.mpc import Mpc
+from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.stop_plan import StopPlan, stop_along
 from sandwich_sitl.control.tracker import Tick, Tracker
 from sandwich_sitl.planning.corridor import FACES
@@ -72,7 +74,7 @@ def test_a_stop_takes_the_time_that_braking_needs_and_no_more_than_the_plan_has(
     assert stop_along(knots, snap, STEP_S, 0.02, 3.0).stop_s == pytest.approx(2 * (2.0 - 0.02))
 
 
-BOUNDS = Bounds(np.array([8.0, 3.0, 8.0, 60.0]), 0.02)
+BOUNDS = Bounds(np.array([10.0, 3.5, 10.0, 7.0, 75.0]), 1.0, 0.02)
 
 
 def straight(speed: float = 1.0, m: int = 60) -> np.ndarray:
@@ -88,21 +90,40 @@ def test_each_fault_is_found_and_a_good_plan_has_none() -> None:
     region, still = np.zeros(60, np.int64), np.zeros(3)
 
     def verdict(states: np.ndarray, offset: np.ndarray = still) -> Fault:
-        return examine(states, offset, corridor.Lambda, corridor.Gamma, region, BOUNDS)
+        return examine(states, offset, np.zeros(60), corridor.Lambda, corridor.Gamma, region, BOUNDS)
 
     assert verdict(straight()) is Fault.NONE
     broken = straight()
     broken[7, 10] = np.nan
     assert verdict(broken) is Fault.NOT_FINITE
-    for column, value in ((3, 11.0), (5, 4.0), (7, 11.0), (9, 80.0)):
+    for column, value in ((3, 11.0), (5, 4.0), (7, 11.0), (8, 8.0), (9, 80.0)):
         fast = straight()
         fast[30, column] = value
         assert verdict(fast) is Fault.LIMITS
     assert verdict(straight(3.0)) is Fault.REGION
-    assert verdict(straight(), np.array([0.0, 0.33, 0.0])) is Fault.NONE  # outside already, but no further
     leaving = straight()
     leaving[:, 1] = np.linspace(0.29, 0.35, 60)
     assert verdict(leaving) is Fault.REGION
+    sinking = straight()
+    sinking[:, 2] = np.linspace(0.0, -1.1, 60)
+    assert verdict(sinking) is Fault.REGION
+
+
+@pytest.mark.parametrize(
+    ("outside_m", "accepted"),
+    [
+        (np.full(60, 0.015), True),
+        (np.linspace(0.3, 0.0, 60), True),
+        (np.linspace(0.3, 0.14, 60), True),
+        (np.linspace(0.3, 0.16, 60), False),  # it would rest there
+        (np.full(60, 1.0), False),
+        (np.concatenate([np.linspace(0.3, -0.1, 30), np.linspace(-0.1, 0.1, 30)]), False),  # in and out again
+        (np.concatenate([np.linspace(0.3, 0.35, 5), np.linspace(0.35, 0.0, 55)]), False),  # further out first
+        (np.linspace(-0.1, 0.1, 60), False),
+    ],
+)
+def test_what_begins_outside_may_only_come_back(outside_m: np.ndarray, accepted: bool) -> None:
+    assert comes_back(outside_m, 0.02) is accepted
 
 
 def test_altitudes_of_regions_are_kept_too() -> None:
@@ -114,13 +135,13 @@ def test_altitudes_of_regions_are_kept_too() -> None:
 
     def verdict(heights: np.ndarray) -> Fault:
         states[:, 2] = heights
-        return examine(states, np.zeros(3), corridor.Lambda, corridor.Gamma, region, BOUNDS, z_m)
+        return examine(states, np.zeros(3), heights, corridor.Lambda, corridor.Gamma, region, BOUNDS, z_m)
 
     assert verdict(np.linspace(5.2, 7.0, 80)) is Fault.REGION  # 6.1 m at the change
     assert verdict(np.linspace(4.1, 6.9, 80)) is Fault.NONE
     assert verdict(np.linspace(4.1, 5.4, 80)) is Fault.REGION  # 4.7 m at the change
     assert verdict(np.linspace(5.5, 8.1, 80)) is Fault.REGION
-    assert verdict(np.linspace(3.9, 5.9, 80)) is Fault.NONE  # below already, but no further
+    assert verdict(np.linspace(3.9, 6.1, 80)) is Fault.NONE  # from below
     assert verdict(np.where(np.arange(80) == 20, 3.9, 5.5)) is Fault.REGION
 
 
@@ -130,8 +151,8 @@ def test_a_corner_cut_between_two_grid_points_is_seen() -> None:
     Gamma = np.array([[1.0, 0.2, 0.0, 0.0], [1.2, 1.0, -1.0, 0.0]])  # [0, 1] x [0, 0.2] and [1, 1.2] x [0, 1]
     points = np.array([[0.8, 0.1], [1.1, 0.6]])
     kept = np.array([[0.8, 0.1], [1.0, 0.1], [1.1, 0.6]])
-    assert outside(points, Lambda, Gamma, np.array([0, 1]))[1] > 0.1
-    assert outside(kept, Lambda, Gamma, np.array([0, 1, 1]))[1] < 1e-9
+    assert outside(points, Lambda, Gamma, np.array([0, 1])).max() > 0.1
+    assert outside(kept, Lambda, Gamma, np.array([0, 1, 1])).max() < 1e-9
 
 
 def ladder(broken: object, ticks: int) -> tuple[list[Tick], Tracker]:
@@ -169,6 +190,35 @@ def test_a_solver_that_fails_for_good_ends_in_a_stop_inside_the_regions_and_then
         excess = corridor.Lambda[tick.region] @ tick.setpoint[:2] - corridor.Gamma[tick.region]
         assert excess.max() < BOUNDS.region_tolerance_m
     assert tracker.clock.t_s < reference.t_s[-1]
+
+
+class Raising:
+    """A solver that raises in the middle of a flight."""
+
+    def __init__(self, _name: str, horizon: Horizon) -> None:
+        self._solver, self._asked = ActiveSetSolver(horizon), 0
+
+    def solve(self, tick: HorizonTick) -> HorizonAnswer:
+        self._asked += 1
+        if self._asked > 250:
+            raise ValueError("arrays do not fit")
+        return self._solver.solve(tick)
+
+
+def test_a_solver_that_raises_is_a_fault_like_any_other_and_its_words_are_kept() -> None:
+    reference, corridor = flight()
+    config = run_config()
+    tracker = Tracker(config, Mpc(config.mpc, config.mode, FACES, Raising), reference, corridor, reference.xyz_m[0])
+    state, ticks = np.concatenate([reference.xyz_m[0], np.zeros(9)]), []
+    for k in range(500):
+        ticks.append(tracker.tick(k * DT, state[:3], state[3:6], 0.0))
+        state = ticks[-1].setpoint
+    assert {tick.fault for tick in ticks[:250]} == {Fault.NONE}
+    assert {tick.fault for tick in ticks[250:]} == {Fault.RAISED}
+    assert ticks[250].rung is Rung.SHIFTED
+    assert ticks[-1].rung is Rung.BRAKE
+    assert "ValueError: arrays do not fit" in describe(ticks[250].rung, ticks[250].fault, ticks[250].error)
+    assert np.linalg.norm(state[3:6]) < 1e-9
 
 
 def test_a_solver_that_comes_back_is_flown_again_and_the_route_is_finished() -> None:

@@ -66,6 +66,27 @@ def test_ticks_that_no_plan_mends_get_the_least_violation_after_few_rounds() -> 
     assert max(rounds) <= 2 * 20
 
 
+@pytest.mark.parametrize("n_tau", range(4, 9))
+def test_a_short_horizon_takes_more_rows_in_play_than_six_a_step(n_tau: int) -> None:
+    """Fast starts outside of regions that point anywhere: up to nine rows a step are put in, and each tick is answered."""
+    hz = Horizon(n_tau, 0.1, "zoh", 8.0, 2, 8, MotionLimits(12.0, 6.0, 40.0, 600.0))
+    solver, reference, rng = OsqpSolver(hz), PiqpSolver(hz), np.random.default_rng(0)
+    for k in range(400):
+        angle = rng.uniform(0, 2 * np.pi, (n_tau, 8))
+        state = rng.normal(0, 1, (4, 2)) * np.array([[3.0], [20.0], [15.0], [100.0]])
+        tick = HorizonTick(
+            state,
+            rng.normal(0, 10, (n_tau, 2)),
+            np.stack([np.cos(angle), np.sin(angle)], axis=2),
+            rng.uniform(-1.0, 0.3, (n_tau, 8)),
+        )
+        answer = solver.solve(tick)
+        assert answer.status == SOLVED
+        if k % 10 == 0:
+            least = hz.cost(reference.solve(tick).snap, tick)
+            assert hz.cost(answer.snap, tick) <= least * (1 + PIQP_TOLERANCE)
+
+
 def test_the_proof_does_not_depend_on_what_osqp_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Multipliers out of a hat: the answer is the same, it only takes the kernel longer."""
     hz = horizon()

@@ -1,6 +1,7 @@
 """Every solver behind the port against the exact one, and what the port promises of each."""
 
 from importlib.util import find_spec
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from sandwich_sitl.control.mpc import Mpc
 from sandwich_sitl.control.solvers import registry
 from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.solvers.idle_rows import IdleRowsFirst
+from sandwich_sitl.control.solvers.stage_form import StageForm
 from sandwich_sitl.errors import InputError
 
 from .problems import FACES, N, horizon, inside_problem, turned_box
@@ -146,12 +148,53 @@ def test_height_stays_within_the_altitudes_of_its_region(low: float, high: float
     assert heights[-1] == pytest.approx(np.clip(10.0, low, high), abs=0.02)
 
 
+@pytest.mark.parametrize("away_m", [0.0, 5.4e6])
+def test_a_world_far_from_its_origin_is_flown_as_one_at_home(away_m: float) -> None:
+    """UTM northings reach ten million metres; the plan moves along and loses no digits but those of its own numbers."""
+    tick = inside_problem(3)
+    away = np.array([away_m / 10, away_m, 0.0])
+    mpc = Mpc(MpcConfig(horizon_steps=N, solver="active_set"), "timed", FACES)
+    x = np.concatenate([tick.state, np.zeros((4, 1))], axis=1).ravel()
+    desired = np.concatenate([tick.desired, np.zeros((N, 1))], axis=1)
+    moved = x.copy()
+    moved[:3] += away
+    home = mpc.solve(x, desired, tick.normals, tick.offsets)
+    there = mpc.solve(moved, desired + away, tick.normals, tick.offsets + tick.normals @ away[:2])
+    assert there.usable
+    np.testing.assert_allclose(there.states[:, :3] - away, home.states[:, :3], atol=1e-6)
+    np.testing.assert_allclose(there.snap, home.snap, atol=1e-3 * np.abs(home.snap).max())
+
+
 def test_paper_mode_is_the_euler_chain_without_limits() -> None:
     mpc = Mpc(MpcConfig(solver="active_set", horizon_steps=N), "paper", FACES)
     x = np.zeros(12)
     x[3] = 30.0
     states = mpc.solve(x, np.zeros((N, 3)), turned_box(0.0), np.full((N, FACES), 1e3)).states
     np.testing.assert_allclose(states[:3, 0], [3.0, 6.0, 9.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("omega", [3.0, 8.0])
+def test_scaled_unknowns_cost_the_same_at_any_bandwidth(omega: float) -> None:
+    """A metre of error and the snap that makes it good: the solvers on the stages see curvature one for both."""
+    form = StageForm(Horizon(N, 0.1, "zoh", omega, 2, FACES, MotionLimits(8, 8, 80, 900)), scaled=True)
+    np.testing.assert_allclose(form.P.diagonal().reshape(N, form.width)[:, :4], 1.0, rtol=1e-12)
+
+
+def test_hpipm_reads_no_memory_that_was_given_back() -> None:
+    """Transposed constants are temporaries: what writes them keeps them until it is called, however late."""
+    if find_spec("casadi") is None:
+        pytest.skip("needs pip install sandwich-sitl[hpipm]")
+    from sandwich_sitl.control.solvers.hpipm_stages import _OcpQp
+
+    problem = _OcpQp({"nx": [2, 2], "nu": [1, 0]}, 1e-6)
+    temporary = np.full((2, 2), 7.0)
+    watched = ref(temporary)
+    write = problem.setter("Q", 0, temporary)
+    del temporary
+    assert watched() is not None
+    write()
+    del write
+    assert watched() is None
 
 
 def test_the_port_is_what_the_solvers_are() -> None:

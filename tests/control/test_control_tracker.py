@@ -13,7 +13,7 @@ from sandwich_sitl.mission.pilot import STALE_S, Pilot
 from sandwich_sitl.mission.vehicle_view import VehicleView
 from sandwich_sitl.planning.flight_plan import Reference
 
-from .flights import DT, flight, mpc_of, run_config
+from .flights import DT, MPC, flight, mpc_of, run_config
 
 
 def fly(
@@ -125,6 +125,49 @@ def test_setpoints_form_one_smooth_motion() -> None:
         assert np.abs(tick.setpoint[:3] - last[:3] - last[3:6] * DT - last[6:9] * DT**2 / 2).max() < 1e-4
         np.testing.assert_allclose(tick.setpoint[9:] - last[9:], tick.snap * DT, atol=1e-9)
         last = tick.setpoint
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("late_s", [0.03, 0.12, 0.17])
+def test_a_late_tick_makes_no_step_in_the_command(rate_hz: float, late_s: float) -> None:
+    """With 0.3 m of offset learned: the command goes on by its own motion over the gap."""
+    reference, corridor = flight(20.0)
+    dt = 1.0 / rate_hz
+    t = np.arange(0.0, 20.0 + dt / 2, dt)
+    xyz = np.column_stack([np.interp(t, reference.t_s, column) for column in reference.xyz_m.T])
+    region = reference.region[np.minimum(np.rint(t / DT).astype(int), len(reference.region) - 1)]
+    config = run_config(mpc=dataclasses.replace(MPC, rate_hz=rate_hz))
+    tracker = Tracker(config, mpc_of(config), Reference(t, xyz, region), corridor, xyz[0])
+    state, aside, now_s = np.concatenate([xyz[0], np.zeros(9)]), np.array([0.0, 0.3, 0.0]), 0.0
+    while now_s < 5.0:
+        now_s += dt
+        state = tracker.tick(now_s, state[:3] + min(1.0, now_s / 2.0) * aside, state[3:6], 0.0).setpoint
+    before, gap_s = state, dt + late_s
+    vehicle = before[:3] + gap_s * before[3:6] + aside
+    after = tracker.tick(now_s + gap_s, vehicle, before[3:6], 0.0).setpoint
+    moved = before[:3] + gap_s * before[3:6] + gap_s**2 / 2 * before[6:9]
+    assert np.abs(after[:3] - moved).max() < 5e-3
+    assert np.abs(after[3:6] - before[3:6] - gap_s * before[6:9]).max() < 0.1
+
+
+def test_after_a_pause_what_was_learned_of_the_wind_is_kept() -> None:
+    """0.3 m beside its command before, during and after a pause of half a second: the command does not start over."""
+    reference, corridor = flight(20.0)
+    config = run_config()
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state, aside = np.concatenate([reference.xyz_m[0], np.zeros(9)]), np.array([0.0, 0.3, 0.0])
+    for k in range(300):
+        state = tracker.tick(k * DT, state[:3] + min(1.0, k / 100) * aside, state[3:6], 0.0).setpoint
+    rested = np.concatenate([state[:3], np.zeros(9)])
+    t = 300 * DT + 0.5
+    state, worst = rested, 0.0
+    for k in range(50):
+        tick = tracker.tick(t + k * DT, state[:3] + aside, state[3:6], 0.0)
+        state = tick.setpoint
+        assert tick.offset_m[1] == pytest.approx(0.3, abs=0.05)
+        worst = max(worst, abs(float(state[1] + aside[1] - tick.desired_m[1])))
+    assert worst < 0.1
+    assert np.linalg.norm(rested[:3] - reference.xyz_m[0]) > 1.0
 
 
 @pytest.mark.parametrize("pause_s", [0.3, 0.8])

@@ -121,3 +121,23 @@ def test_a_silence_that_lasts_is_a_lost_vehicle(monkeypatch: pytest.MonkeyPatch)
     hosts = Hosts(NEVER, (2.0, 9.0))
     with pytest.raises(pacing.LinkError, match="silent for 2 s"):
         list(ticks(hosts, monkeypatch, 12.0))
+
+
+def test_a_set_point_is_late_by_the_end_of_its_period_however_late_the_tick_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A tick that begins 19 ms late and takes 5 ms leaves 4 ms after its period of 20 ms; the next is on time again."""
+    due_s = 50 * PERIOD_S
+    hosts = Hosts((due_s - 0.001, due_s + 0.019), NEVER)
+    monkeypatch.setattr(pacing, "time", hosts)
+    pacer = RealtimePacer(
+        hosts, Inbox(Telemetry((0.0, 0.0), (245, 191)), lambda *_: None), PERIOD_S, 1.0, 2.0, lambda _: None
+    )
+    late_s = []
+    for _ in range(53):
+        pacer.next_tick()
+        hosts.now += 0.005
+        late_s.append(pacer.late_s(hosts.now))
+    assert late_s[50] == pytest.approx(0.004, abs=2e-4)
+    assert late_s[:50] == [0.0] * 50
+    assert late_s[51:] == [0.0, 0.0]

@@ -175,6 +175,27 @@ def test_a_plan_that_ends_short_of_the_goal_is_followed_by_one_for_the_rest(monk
     np.testing.assert_allclose(flight.reference.xyz_m[-1, :2], (55, 15), atol=1e-6)
 
 
+def test_an_answer_that_a_report_of_the_same_tick_has_withdrawn_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The way on to the goal is answered in the very tick in which an obstacle closes the way before it."""
+    monkeypatch.setattr(rerouting, "FIRST_REACH_M", 20.0)
+    monkeypatch.setattr(rerouting, "_FIRST_REACH_S", 0.0)
+    flight = Flight.at(15.0)
+    flight.tick(ACROSS)
+    flight.tick(answer=flight.answer())
+    assert np.isinf(flight.asked[-1].reach_m)
+    onward, kept = flight.answer(), flight.reference
+    x_m = float(kept.xyz_m[-1, 0])
+    second = box(x_m - 3, 10, x_m - 2, 22)
+    orders = flight.tick(second, name="second", answer=onward)
+    assert orders.adopted is None
+    assert flight.reference is kept
+    assert orders.ask is not None
+    assert (orders.ask.reach_m, [o.polygon for o in orders.ask.obstacles]) == (20.0, [second])
+    orders = flight.tick(answer=flight.answer())
+    assert orders.adopted is not None
+    assert shapely.LineString(flight.reference.xyz_m[:, :2]).distance(second) > 0.4
+
+
 def test_a_late_answer_is_asked_for_again_with_twice_the_time_and_at_last_given_up() -> None:
     flight = Flight.at(8.0, tries=3)
     flight.tick(ACROSS)

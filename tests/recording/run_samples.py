@@ -161,7 +161,9 @@ def write_offboard(path: Path, plan: FlightPlan | None = None) -> Path:
                 recorder.horizon(t_s, np.array([truth_m(t_s + 0.1 * k) for k in range(5)]))
             recorder.mavlink(t_s, "tx", mavlink2_frame(tick, 245))
             recorder.mavlink(t_s, "rx", mavlink2_frame(tick if tick < 100 else tick + 3))
-            recorder.timing(tick, TickTiming(1e-3 * (tick + 1), 2e-3 * (tick + 1), 0.5 if tick == 9 else 0.0))
+            recorder.timing(
+                tick, TickTiming(1e-3 * (tick + 1), 2e-3 * (tick + 1), 0.5 if tick == 9 else 0.0, 70.0 + t_s)
+            )
         recorder.log(15.0, "warning", "short battery")
         recorder.metadata("result", {"outcome": "landed", "reason": "", "wall_seconds": 3.0})
     return path

@@ -13,7 +13,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from sandwich_sitl.errors import InputError
-from sandwich_sitl.recording.container import intact_bytes, read_raw
+from sandwich_sitl.recording import reader as reading
+from sandwich_sitl.recording.container import RawLog, intact_bytes, read_raw
 from sandwich_sitl.recording.messages import VECTOR_FIELDS
 from sandwich_sitl.recording.plan_file import plan_bytes
 from sandwich_sitl.recording.reader import RunLog
@@ -58,7 +59,24 @@ def test_metadata_plan_and_timings_come_back(run_log: RunLog) -> None:
     assert run_log.plan.seconds == {"channel map": 0.5, "route": 0.25}
     np.testing.assert_array_equal(run_log.timings.tick, np.arange(151))
     np.testing.assert_allclose(run_log.timings.solve_s, 1e-3 * np.arange(1, 152), atol=1e-7)
+    np.testing.assert_allclose(run_log.timings.sent_s, 70.0 + 0.1 * np.arange(151), atol=1e-6)
     np.testing.assert_allclose(run_log.timings.t_s, np.arange(151) * 0.1, atol=1e-9)
+
+
+def test_a_log_from_before_a_column_of_timings_was_written_is_read(
+    run_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def older(path: Path) -> RawLog:
+        raw = read_raw(path)
+        for record in raw.metadata:
+            if record.name == "wall_timing":
+                del record.metadata["sent_s"]
+        return raw
+
+    monkeypatch.setattr(reading, "read_raw", older)
+    timings = RunLog.read(run_path).timings
+    assert np.isnan(timings.sent_s).all()
+    np.testing.assert_allclose(timings.solve_s, 1e-3 * np.arange(1, 152), atol=1e-7)
 
 
 def test_an_independent_reader_finds_topics_schemas_and_complete_messages(run_path: Path) -> None:

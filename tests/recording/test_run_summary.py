@@ -12,7 +12,7 @@ import run_samples
 from sandwich_sitl.planning.flight_plan import FlightFigures
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.summary import clearance_m, format_summary, lost_frames, summarise, tracking_error
-from sandwich_sitl.recording.tracks import Frame, PoseTrack
+from sandwich_sitl.recording.tracks import Frame, LogLine, MissionTrack, PoseTrack
 
 
 def test_keys_are_complete_and_json(run_log: RunLog) -> None:
@@ -185,5 +185,49 @@ def test_the_ladder_is_counted_from_the_log(run_log: RunLog) -> None:
     assert section["assurance"]["fallbacks"] == 0
     section = summarise(dataclasses.replace(run_log, control=control))
     assert section["assurance"] == {
-        "plan": 3, "shifted": 3, "brake": 2, "fallbacks": 2, "recoveries": 1, "faults": {"a": 4, "b": 1}
+        "plan": 3, "shifted": 3, "brake": 2, "hold": 0, "fallbacks": 2, "recoveries": 1, "faults": {"a": 4, "b": 1},
+        "braked_for": None,
     }  # fmt: skip
+
+
+def braked(log: RunLog, reason: str = "stopped on request") -> RunLog:
+    """The mission brakes from 8 s on and holds from 9.5 s to 12 s; the controller's track ends there."""
+    control = log.control
+    mission = MissionTrack(
+        t_s=np.array([0.0, 1.0, 2.0, 8.0, 9.5, 12.0, 14.0]),
+        state=("CONNECT", "REQUEST", "ACTIVE", "BRAKE", "HOLD", "LAND", "DONE"),
+        autopilot_mode=("OFFBOARD",) * 7, armed=np.array([0, 1, 1, 1, 1, 1, 0], dtype=bool),
+        landed=np.zeros(7, dtype=bool), reason=("",) * 6 + (reason,),
+    )  # fmt: skip
+    before = control.t_s < 7.99
+    columns = {f.name: getattr(control, f.name) for f in dataclasses.fields(control)}
+    cut = {k: v[before] if isinstance(v, np.ndarray) else v[: before.sum()] for k, v in columns.items()}
+    cut["estimate_r_m"] = cut["reference_m"] + 0.1
+    return dataclasses.replace(
+        log, mission=mission, control=dataclasses.replace(control, **cut),
+        metadata={**log.metadata, "result": {"outcome": "held", "reason": reason}},
+    )  # fmt: skip
+
+
+def test_braking_and_holding_of_the_mission_are_counted_with_their_cause(run_log: RunLog) -> None:
+    """Ten ticks a second: 15 of braking, 25 of holding; the cause is in the last ticks, or else the mission's."""
+    log = braked(run_log)
+    section = summarise(log)["assurance"]
+    assert (section["plan"], section["brake"], section["hold"], section["fallbacks"]) == (60, 15, 25, 0)
+    assert section["braked_for"] == "stopped on request"
+    assert "braked_for stopped on request" in format_summary(summarise(log))
+    control = log.control
+    rung = control.rung.copy()
+    rung[-1] = 2
+    given_up = dataclasses.replace(control, rung=rung, fault=(*control.fault[:-1], "the solver gave no answer"))
+    section = summarise(dataclasses.replace(log, control=given_up))["assurance"]
+    assert (section["brake"], section["braked_for"]) == (16, "the solver gave no answer")
+    off = control.estimate_r_m.copy()
+    off[-1] += (0.0, 12.0, 0.0)
+    astray = summarise(dataclasses.replace(log, control=dataclasses.replace(control, estimate_r_m=off)))
+    assert astray["assurance"]["braked_for"] == "the vehicle was 12.10 m off its reference"
+    refused = LogLine(7.6, "error", "offboard", "set-point not sent: position outside the world")
+    fenced = summarise(dataclasses.replace(log, lines=(*log.lines, refused)))
+    assert fenced["assurance"]["braked_for"] == refused.message
+    long_ago = dataclasses.replace(refused, t_s=5.0)
+    assert summarise(dataclasses.replace(log, lines=(long_ago,)))["assurance"]["braked_for"] == "stopped on request"

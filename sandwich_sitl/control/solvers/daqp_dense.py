@@ -8,14 +8,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.horizon import (
-    MOTION_PENALTY,
-    REGION_PENALTY,
-    SOLVED,
-    Horizon,
-    HorizonAnswer,
-    HorizonTick,
-)
+from sandwich_sitl.control.horizon import SOLVED, Horizon, HorizonAnswer, HorizonTick
 
 Array = NDArray[np.float64]
 
@@ -26,7 +19,7 @@ class DaqpSolver:
     def __init__(self, horizon: Horizon) -> None:
         self._horizon = horizon
         n, D, F = horizon.n_tau, horizon.axes, horizon.faces
-        self._curvature = np.sqrt([REGION_PENALTY[1], MOTION_PENALTY[1]])
+        self._curvature = np.sqrt(horizon.penalties[:, 1])
         blocks = horizon.M.reshape(5, n, n)
         rows = [np.zeros((n * F, D * n + 2 * n))]
         for k in range(4):
@@ -45,8 +38,7 @@ class DaqpSolver:
         self._f = np.concatenate(
             [
                 np.zeros(D * n),
-                np.full(n, REGION_PENALTY[0] / self._curvature[0]),
-                np.full(n, MOTION_PENALTY[0] / self._curvature[1]),
+                np.repeat(horizon.penalties[:, 0] / self._curvature, n),
             ]
         )
         self._lower = np.concatenate([np.full(D * n, -1e30), np.zeros(2 * n), np.full(len(self._A), -1e30)])

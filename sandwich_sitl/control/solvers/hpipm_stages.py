@@ -2,7 +2,7 @@
 
     stage h = 0 .. n    x = [r, v, a, j] (4 D),  u = [snap (D), s, t],  rows regions (F) and motion limits, upper side alone
 
-Unknowns are divided by the stage form's scales. The first state is known and part of the first gap, so stage 0 has no
+Unknowns are divided by the horizon's scales. The first state is known and part of the first gap, so stage 0 has no
 state, row or slack; stage n has no snap. The slacks are inputs, because rows that share one of HPIPM's own slacks are
 beyond its Newton step (50 iterations and no answer). HPIPM reads matrices column by column.
 """
@@ -16,15 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.horizon import (
-    MOTION_PENALTY,
-    REGION_PENALTY,
-    SOLVED,
-    Horizon,
-    HorizonAnswer,
-    HorizonTick,
-)
-from sandwich_sitl.control.solvers.stage_form import SCALES
+from sandwich_sitl.control.horizon import SOLVED, Horizon, HorizonAnswer, HorizonTick
 
 Array = NDArray[np.float64]
 
@@ -41,7 +33,7 @@ class HpipmSolver:
         n, D, F = horizon.n_tau, horizon.axes, horizon.faces
         motion = [(k, normal) for k in range(3) if horizon.bounded[k] for normal in horizon.edges[k]]
         rows, boxed = F + len(motion), D * horizon.bounded[3]
-        self._unit = np.repeat([SCALES[k] for k in range(4)], D)
+        self._unit = np.repeat(horizon.scales[:4], D)
         self._C = np.zeros((n, 4 * D, rows))
         for row, (k, normal) in enumerate(motion, start=F):
             of_quantity = slice((k + 1) * D, (k + 2) * D)
@@ -74,11 +66,11 @@ class HpipmSolver:
         hz, unit = self._horizon, self._unit
         n, D, F = hz.n_tau, hz.axes, hz.faces
         chain = np.kron(hz.chain, np.eye(D)) * unit / unit[:, None]
-        drive = np.kron(hz.drive[:, None], np.eye(D)) * SCALES[4] / unit[:, None]
+        drive = np.kron(hz.drive[:, None], np.eye(D)) * hz.scales[4] / unit[:, None]
         weight = np.concatenate([np.full(D, hz.weight * unit[0] ** 2), np.zeros(3 * D)])
-        box = np.full(boxed, hz.units[4] / SCALES[4])
-        curvature = np.full(D, SCALES[4] ** 2 / hz.beta)
-        linear, quadratic = np.array([REGION_PENALTY, MOTION_PENALTY]).T
+        box = np.full(boxed, hz.units[4] / hz.scales[4])
+        curvature = np.full(D, hz.scales[4] ** 2 / hz.beta)
+        linear, quadratic = hz.penalties.T
         slack_of_row = np.repeat(np.eye(2), [F, motion], axis=0)
         nothing, both = np.zeros((2, 4 * D)), np.zeros(2)
         for h in range(n + 1):
@@ -116,7 +108,7 @@ class HpipmSolver:
         status, iterations = self._problem.solve()
         for read in self._read:
             read()
-        snap = self._input[:, :D] * SCALES[4]
+        snap = self._input[:, :D] * hz.scales[4]
         if status != _SUCCESS or not np.isfinite(snap).all():
             return hz.failed(iterations)
         return hz.answer_of_snap(snap, tick, SOLVED, iterations)
@@ -187,7 +179,8 @@ class _OcpQp:
 
 
 def _address(values: NDArray[Any]) -> c_void_p:
-    return c_void_p(values.ctypes.data)
+    """Where `values` lie. They live at least as long as the pointer, also where it alone is kept."""
+    return values.ctypes.data_as(c_void_p)
 
 
 def _shared_library() -> CDLL:

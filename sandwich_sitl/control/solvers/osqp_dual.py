@@ -76,7 +76,7 @@ class OsqpSolver:
     def __init__(self, horizon: Horizon) -> None:
         self._horizon = horizon
         n, axes = horizon.n_tau, horizon.axes
-        self._set = WorkingSet(horizon)
+        self._set = WorkingSet(horizon, given=_SLOTS[-1])
         self._known, self._merit = np.zeros((2, QUANTITIES, n, max(8, horizon.faces)))
         self._in_play, self._target = np.zeros((_SLOTS[-1], 3), dtype=np.int64), np.empty(_SLOTS[-1])
         self._workspaces = tuple(_Workspace(slots) for slots in _SLOTS)

@@ -13,12 +13,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sandwich_sitl.control.horizon import MOTION_PENALTY, REGION_PENALTY, Horizon, HorizonTick
+from sandwich_sitl.control.horizon import Horizon, HorizonTick
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SCALES = {0: 1.0, 1: 2.5, 2: 9.0, 3: 300.0, 4: 1200.0}  # scales of r, v, a, j, u measured at omega = 4
+# Beside the horizon's own scales, what saved PIQP iterations.
 _SLACK_SCALE, _EXCESS_SCALE = 0.04, 0.6
 _ROW_SCALE = {"dynamics": 7.0, "region": 5.5, "motion": 0.55, "input": 0.55, "slack": 5.0}
 
@@ -30,13 +30,13 @@ class StageForm:
         self.horizon = horizon
         n, D = horizon.n_tau, horizon.axes
         self.width = 5 * D + 2
-        one = np.repeat([SCALES[k] if scaled else 1.0 for k in (4, 0, 1, 2, 3)], D)
+        one = np.repeat(np.roll(horizon.scales, 1) if scaled else np.ones(5), D)
         slack = [_SLACK_SCALE, _EXCESS_SCALE] if scaled else [1.0, 1.0]
         self.scale = np.tile(np.concatenate([one, slack]), n)
         weight = np.concatenate([np.full(D, 1 / horizon.beta), np.full(D, horizon.weight), np.zeros(3 * D)])
-        curvature = np.tile(np.concatenate([weight, [REGION_PENALTY[1], MOTION_PENALTY[1]]]), n)
+        curvature = np.tile(np.concatenate([weight, horizon.penalties[:, 1]]), n)
         self.P = sp.diags_array(curvature * self.scale**2).tocsc()
-        linear = np.concatenate([np.zeros(5 * D), [REGION_PENALTY[0], MOTION_PENALTY[0]]])
+        linear = np.concatenate([np.zeros(5 * D), horizon.penalties[:, 0]])
         self.q = np.tile(linear, n) * self.scale
         self._build_rows(scaled)
 
@@ -45,7 +45,8 @@ class StageForm:
         n, D, F, width = hz.n_tau, hz.axes, hz.faces, self.width
         r, s, t = D, 5 * D, 5 * D + 1
         motion = [(k + 1, e) for k in range(3) if hz.bounded[k] for e in hz.edges[k]]
-        height = 4 * D + F + len(motion) + D + 2
+        boxed = D * hz.bounded[3]
+        height = 4 * D + F + len(motion) + boxed + 2
         self.height = height
         stage, back = np.zeros((height, width)), np.zeros((height, width))
         for k in range(4):
@@ -66,12 +67,11 @@ class StageForm:
             stage[row, t] = -1.0
             high[row] = 1.0
         top += F + len(motion)
-        stage[top : top + D, :D] = np.eye(D) / hz.units[4]
-        bound = 1.0 if hz.bounded[3] else inf
         # An input polygon of four sides turned by nothing is the box |u_d| <= its unit.
-        low[top : top + D], high[top : top + D] = -bound, bound
-        stage[top + D, s] = stage[top + D + 1, t] = -1.0
-        names = ["dynamics"] * (4 * D) + ["region"] * F + ["motion"] * len(motion) + ["input"] * D + ["slack"] * 2
+        stage[top : top + boxed, :boxed] = np.eye(boxed) / hz.units[4]
+        low[top : top + boxed], high[top : top + boxed] = -1.0, 1.0
+        stage[top + boxed, s] = stage[top + boxed + 1, t] = -1.0
+        names = ["dynamics"] * (4 * D) + ["region"] * F + ["motion"] * len(motion) + ["input"] * boxed + ["slack"] * 2
         self.row_scale = np.tile([_ROW_SCALE[name] if scaled else 1.0 for name in names], n)
         self.l, self.u = np.tile(low, n) * self.row_scale, np.tile(high, n) * self.row_scale
         self._assemble(stage, back)

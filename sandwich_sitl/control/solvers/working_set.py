@@ -4,19 +4,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.control.dual_kernel import dual_active_set
-from sandwich_sitl.control.horizon import MOTION_PENALTY, QUANTITIES, REGION_PENALTY, Horizon
+from sandwich_sitl.control.horizon import QUANTITIES, Horizon
 
 Array = NDArray[np.float64]
 
 
 class WorkingSet:
-    """Rows (6 n, 3) = quantity, step, face with their multipliers, and the slack groups (2 n,) that are open.
+    """Rows (m, 3) = quantity, step, face with their multipliers, and the slack groups (2 n,) that are open.
+
+    m is 6 n, or `given` where a caller puts in more rows than that, which it can with a short horizon.
 
     `edges` (4, 8, D) are the sides of the motion limits, `edge_count` (4,) in use; `rho` (2, 2) the penalties;
     `shares` (5 n, D) receives what the rows move the free answer by.
     """
 
-    def __init__(self, horizon: Horizon) -> None:
+    def __init__(self, horizon: Horizon, given: int = 0) -> None:
         self._horizon = horizon
         n, axes = horizon.n_tau, horizon.axes
         self.edges = np.zeros((4, 8, axes))
@@ -24,9 +26,10 @@ class WorkingSet:
         for k, normals in enumerate(horizon.edges):
             self.edges[k, : len(normals)] = normals
             self.edge_count[k] = len(normals) if horizon.bounded[k] else 0
-        self.rho = np.array([REGION_PENALTY, MOTION_PENALTY])
-        self.rows = np.full((6 * n, 3), -1, dtype=np.int64)
-        self.multipliers = np.zeros(6 * n)
+        self.rho = horizon.penalties
+        most = max(6 * n, given)
+        self.rows = np.full((most, 3), -1, dtype=np.int64)
+        self.multipliers = np.zeros(most)
         self.opened = np.zeros(2 * n, dtype=np.int64)
         self.shares = np.empty((QUANTITIES * n, axes))
 
