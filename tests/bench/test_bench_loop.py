@@ -105,9 +105,9 @@ def test_a_peer_that_is_not_there_is_named_with_the_reason() -> None:
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
     for options, part in (
-        (["--repeat", "0"], "--repeat"),
         (["--solver", "none"], "mpc.solver"),
         (["--set", "x"], "--set"),
+        (["--rotorpy", "/nowhere/python"], "--rotorpy"),
     ):
         assert main(["bench", "loop", str(tmp_path / "short.yaml"), *options]) == 2
         said = capsys.readouterr().err.strip()
