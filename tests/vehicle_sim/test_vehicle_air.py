@@ -120,7 +120,7 @@ def test_an_airframe_file_is_checked(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"mine.yaml: cannot be read"):
         load_run(run)
     (tmp_path / "mine.yaml").write_text("mass: 3.0\n")
-    with pytest.raises(ConfigError, match=r"mine.yaml: mass: is not a known key"):
+    with pytest.raises(ConfigError, match=r"mine.yaml:1: mass: is not a known key"):
         load_run(run)
     (tmp_path / "mine.yaml").write_text("mass_kg: 3.0\n")
     assert load_run(run).vehicle.airframe.mass_kg == 3.0
