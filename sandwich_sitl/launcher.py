@@ -25,6 +25,7 @@ from sandwich_sitl.errors import InputError, LinkError
 from sandwich_sitl.link.transport import check_openable
 from sandwich_sitl.link_uri import parse_uri
 from sandwich_sitl.map_store import MapStore
+from sandwich_sitl.margin_notice import margin_notice
 from sandwich_sitl.planning.flight_plan import FlightPlan
 from sandwich_sitl.planning.plan import check_places, plan_flight
 from sandwich_sitl.progress import Progress
@@ -40,7 +41,7 @@ from sandwich_sitl.world.importers import ImportedWorld
 from sandwich_sitl.world.load import import_world
 from sandwich_sitl.world_report import notices
 from sandwich_sitl.yaml_document import place, value_at
-from vehicle_sim.config import parse_vehicle_section, vehicle_schema
+from vehicle_sim.config import VehicleConfig, parse_vehicle_section, vehicle_schema
 from vehicle_sim.errors import VehicleError
 
 _START_S = 20.0
@@ -57,14 +58,14 @@ class RunResult:
     summary: dict[str, Any]
 
 
-def check_vehicle_section(config: RunConfig, config_path: Path) -> None:
-    """Raise `InputError` when the `vehicle` section is not one the vehicle would accept."""
+def check_vehicle_section(config: RunConfig, config_path: Path) -> VehicleConfig:
+    """The `vehicle` section as the vehicle reads it; raises `InputError` when it would not accept it."""
 
     def place_of(loc: Sequence[int | str]) -> str:
         return place(config_path, loc, value_at({"vehicle": config.vehicle}, loc))
 
     try:
-        parse_vehicle_section(config.vehicle, str(config_path), place_of)
+        return parse_vehicle_section(config.vehicle, str(config_path), place_of)
     except VehicleError as error:
         raise InputError(str(error)) from error
 
@@ -131,7 +132,8 @@ def run(
     `vehicle_program` is the module that is started with the command line of `vehicle-sim`, and what it wants before that;
     `planner` stands in for `make_plan` where a bench flies plans of its own.
     """
-    check_vehicle_section(config, config_path)
+    if (notice := margin_notice(config, check_vehicle_section(config, config_path))) is not None:
+        progress.note(notice)
     ports = _ports(config, config_path)
     plan = (planner or make_plan)(config, config_path, progress)
     config = dataclasses.replace(config, link=dataclasses.replace(config.link, uri=f"udpin://{ports.offboard}"))

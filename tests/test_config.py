@@ -11,6 +11,7 @@ import yaml
 from sandwich_sitl.config import RunConfig, config_as_dict, config_schema, load_config
 from sandwich_sitl.errors import InputError
 from sandwich_sitl.launcher import check_vehicle_section, make_plan
+from sandwich_sitl.margin_notice import margin_notice
 from sandwich_sitl.progress import Progress
 from sandwich_sitl.world.load import load_world
 from vehicle_sim.config import load_run
@@ -194,6 +195,22 @@ def test_the_vehicles_section_has_lines_too(tmp_path: Path, section: str, place:
     with pytest.raises(ConfigError) as by_itself:
         load_run(path)
     assert str(by_itself.value) == str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "margin_m", "said"),
+    [("filter", 0.6, True), ("filter", 1.0, False), ("error_model", 0.6, False), ("error_model", 0.05, True)],
+)
+def test_a_margin_that_the_estimate_s_errors_exceed_is_mentioned(
+    tmp_path: Path, estimator: str, margin_m: float, said: bool
+) -> None:
+    changes = {"vehicle.sensors.estimator": estimator, "planner.margin_m": margin_m}
+    config = load_config(written(tmp_path, GOOD), changes)
+    notice = margin_notice(config, check_vehicle_section(config, tmp_path / "run.yaml"))
+    assert (notice is not None) == said
+    if notice is not None:
+        assert f"planner.margin_m {margin_m:g}" in notice
+        assert estimator in notice
 
 
 def test_an_overridden_value_of_the_vehicle_has_no_line(tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_a_pause_of_a_process_in_flight_is_got_over(
 
 
 def with_room(changes: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A condition or fault; by GPS, whose errors the runs' margin of 0.6 m is not made for, with one of 1.5 m."""
+    """A condition; by GPS, whose errors the runs' margin of 0.6 m is not made for, with one of 1.5 m."""
     by_gps = changes.get("vehicle.sensors.estimator") == "filter"
     return {**changes, "planner.margin_m": 1.5} if by_gps else changes
 
@@ -150,7 +150,7 @@ def test_every_condition_keeps_its_goal_and_the_corridor(tmp_path: Path) -> None
 @pytest.mark.parametrize("fault", FAULTS)
 def test_no_fault_makes_the_vehicle_touch_an_obstacle(fault: str, tmp_path: Path) -> None:
     """And the mission says how it ended; the fault comes while the reference is being flown."""
-    flights = fly_all(CONFIGS / "single.yaml", {fault: with_room(FAULTS[fault])}, (1, 2), SHORT_FLIGHT, tmp_path)
+    flights = fly_all(CONFIGS / "single.yaml", {fault: FAULTS[fault]}, (1, 2), SHORT_FLIGHT, tmp_path)
     for flight in flights:
         assert flight.outcome in set(OutcomeName)
         assert flight.clearance_m >= 0.4
