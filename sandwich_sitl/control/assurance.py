@@ -108,12 +108,9 @@ def comes_back(distance_m: Array, tolerance_m: float) -> bool:
     """Whether a motion at these distances (m,) outside keeps to the tolerance, or comes back to it from outside."""
     begins, ends = float(distance_m[0]), float(distance_m[-1])
     out = distance_m > tolerance_m
-    if not out.any():
-        return True
-    inside = np.flatnonzero(~out)
-    came_in = len(inside) == 0 or bool(out[: inside[0]].all() and not out[inside[0] :].any())
-    nearer = ends <= max(tolerance_m, begins / 2)
-    return bool(out[0]) and came_in and nearer and float(distance_m.max()) <= begins + _GROWTH_M
+    goes_out = bool((out[1:] & ~out[:-1]).any())
+    nearer = ends <= max(tolerance_m, begins / 2) and float(distance_m.max()) <= begins + _GROWTH_M
+    return not out.any() or (not goes_out and nearer)
 
 
 def _largest_motion(states: Array) -> Array:

@@ -101,6 +101,7 @@ class Tracker:
     def tick(self, t_s: float, r_m: Array, v_mps: Array, age_s: float) -> Tick:
         """Tick at `t_s` since tracking began, with the measured position and velocity (3,), `age_s` old."""
         gap_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        self._solver_error = ""
         dt = min(gap_s, self._pause_s)
         if gap_s > dt and not self.lifting and np.isfinite(r_m).all() and np.isfinite(v_mps).all():
             self._pick_up(t_s, gap_s, r_m + age_s * v_mps, v_mps)
@@ -185,7 +186,6 @@ class Tracker:
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
         moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
         band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
-        self._solver_error = ""
         try:
             solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
         except (
