@@ -1,37 +1,26 @@
-"""How far off the estimate is expected to be: the stationary spread of the estimator's errors, from its gains and the sensors' noise.
+"""How far off the estimate is expected to be, from the estimator's gains and the sensors' noise (`error_laws`).
 
-Between fixes the errors of one axis move by x' = F x + noise, at each correction x' = (I - K H) x + K noise; over the time between two
-GPS fixes that is x' = S x + noise of covariance N, and the covariance P that does not change is P = S P S' + N. Small angles, axes apart,
-the GPS's delay left out. Horizontal errors: position, velocity, tilt, gyroscope bias, GPS wander. Vertical: position, velocity,
-accelerometer bias, wander of barometer and GPS. A horizontal accelerometer bias adds the constant error that it leads to. SI.
+At boot the place is known and the sensors' biases are not: until the gyroscope's is found, in half a minute, the estimate is not yet much
+worse, but it drifts five times as fast as later when GPS is lost. When GPS or the barometer is lost, the covariance of that moment moves on
+without their corrections; when they are back, with them again, from the first fix that arrives on; after more than `RESET_AFTER_S` without,
+that fix is believed at once, as the estimator does. All this is worked out when somebody asks, from the list of what failed when. SI.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.dynamics import GRAVITY_MPS2
-from vehicle_sim.estimator import (
-    K_BARO,
-    K_BARO_BIAS,
-    K_BARO_CLIMB,
-    K_BIAS,
-    K_CLIMB,
-    K_HEIGHT,
-    K_POSITION,
-    K_TILT,
-    K_VELOCITY,
-)
+from vehicle_sim.error_laws import Law, barometer_white_m, laws_of
+from vehicle_sim.estimator import RESET_AFTER_S
+from vehicle_sim.failures import SensorsLost
 from vehicle_sim.parts import SensorsConfig
-from vehicle_sim.sensors import HORIZONTAL_FIELD_GAUSS, WHITE_OF_GPS, wander_of_gps
-from vehicle_sim.wind import keep_of
+from vehicle_sim.sensing import BARO_LOST, GPS_LOST
+from vehicle_sim.sensors import HORIZONTAL_FIELD_GAUSS, WHITE_OF_GPS
 
 Array = NDArray[np.float64]
-_HPA_PER_M = 0.113
-_DOUBLINGS = 40
 
 
 @dataclass(frozen=True)
@@ -46,87 +35,78 @@ class Accuracy:
     compass_rad: float = 0.0
 
 
-class _Move(NamedTuple):
-    """x' = step x + noise of covariance `noise`."""
+@dataclass(frozen=True)
+class _Span:
+    """A time in which no sensor fails or returns: covariances at its beginning, when the last fix came before it, whether GPS is
+    there from its beginning on, so that its first fix is still to come.
+    """
 
-    step: Array
-    noise: Array
-
-    def then(self, after: "_Move") -> "_Move":
-        """This and then the other."""
-        return _Move(after.step @ self.step, after.step @ self.noise @ after.step.T + after.noise)
+    begun_s: float
+    lost: int
+    spreads: tuple[Array, Array]
+    fixed_s: float
+    awaits_fix: bool
 
 
 def accuracy_of(config: SensorsConfig, dt_s: float, tick_s: float) -> Accuracy:
-    """Of the estimator fed by these sensors; of the error model, what it was told."""
+    """Of the estimator fed by all of these sensors; of the error model, what it was told."""
+    across, down = (law.settled() for law in laws_of(config, dt_s, tick_s))
     if config.estimator == "error_model":
-        return Accuracy(config.estimate_position_std_m, config.estimate_position_std_m)
-    across, down = _horizontal(config, dt_s, tick_s), _vertical(config, dt_s, tick_s)
+        return Accuracy(sqrt(across[0, 0]), sqrt(down[0, 0]))
     white_m = WHITE_OF_GPS * config.gps_horizontal_std_m
     return Accuracy(
         sqrt(across[0, 0]),
         sqrt(down[0, 0]),
         sqrt(across[0, 0] + across[4, 4] - 2.0 * across[0, 4] + white_m**2),
         sqrt(across[1, 1] + config.gps_speed_std_mps**2),
-        sqrt(down[0, 0] + down[3, 3] - 2.0 * down[0, 3] + _barometer_white_m(config) ** 2),
+        sqrt(down[0, 0] + down[3, 3] - 2.0 * down[0, 3] + barometer_white_m(config) ** 2),
         config.magnetometer_std_gauss / HORIZONTAL_FIELD_GAUSS,
     )
 
 
-def _horizontal(config: SensorsConfig, dt_s: float, tick_s: float) -> Array:
-    keep = keep_of(tick_s, config.gps_correlation_s)
-    wander = wander_of_gps(config.gps_horizontal_std_m)
-    step = np.eye(5)
-    step[0, 1] = step[2, 3] = tick_s
-    step[1, 2], step[4, 4] = GRAVITY_MPS2 * tick_s, keep
-    noise = np.diag([0.0, config.accelerometer_std_mps2**2, config.gyroscope_std_radps**2, 0.0, 0.0]) * dt_s * tick_s
-    noise[4, 4] = (1.0 - keep**2) * wander**2
-    h, white, speed = 1.0 / config.gps_rate_hz, WHITE_OF_GPS * config.gps_horizontal_std_m, config.gps_speed_std_mps
-    gain = np.array([K_VELOCITY * h, K_TILT * h / GRAVITY_MPS2, K_BIAS * K_TILT * h / GRAVITY_MPS2])
-    fix, kick = np.eye(5), np.zeros((5, 2))
-    fix[0, 0] -= K_POSITION * h
-    fix[0, 4] = kick[0, 0] = K_POSITION * h
-    fix[1:4, 1] -= gain
-    kick[1:4, 1] = gain
-    correction = _Move(fix, kick @ np.diag([white**2, speed**2]) @ kick.T)
-    push = np.array([0.0, config.accelerometer_bias_std_mps2 * tick_s, 0.0, 0.0, 0.0])
-    return _stationary(_Move(step, noise), correction, round(h / tick_s), push)
+class AccuracyInFlight:
+    """The accuracy since boot, as sensors fail and return."""
 
+    def __init__(self, config: SensorsConfig, dt_s: float, tick_s: float) -> None:
+        self._laws = laws_of(config, dt_s, tick_s)
+        self._tick_s = tick_s
+        self._seen = 0
+        self._span = _Span(0.0, 0, (self._laws[0].begins, self._laws[1].begins), 0.0, True)
 
-def _vertical(config: SensorsConfig, dt_s: float, tick_s: float) -> Array:
-    keep = keep_of(tick_s, config.gps_correlation_s)
-    wander, white = wander_of_gps(config.gps_vertical_std_m), WHITE_OF_GPS * config.gps_vertical_std_m
-    step = np.diag([1.0, 1.0, 1.0, keep, keep])
-    step[0, 1] = step[1, 2] = tick_s
-    noise = np.diag([0.0, config.accelerometer_std_mps2**2 * dt_s * tick_s, 0.0, 0.0, 0.0])
-    noise[3, 3] = (1.0 - keep**2) * config.barometer_drift_std_m**2
-    noise[4, 4] = (1.0 - keep**2) * wander**2
-    baro, kick = np.eye(5), np.array([[K_BARO], [K_BARO_CLIMB], [K_BARO_BIAS], [0.0], [0.0]])
-    baro[:3, 0] -= kick[:3, 0]
-    baro[:3, 3] = kick[:3, 0]
-    # the barometer has something new every second tick: half of its gains and noise in each
-    half = _Move(0.5 * (baro + np.eye(5)), 0.5 * kick @ kick.T * _barometer_white_m(config) ** 2)
-    h = 1.0 / config.gps_rate_hz
-    fix, gps = np.eye(5), np.zeros((5, 2))
-    fix[0, 0] -= K_HEIGHT * h
-    fix[0, 4] = gps[0, 0] = K_HEIGHT * h
-    fix[1, 1] -= K_CLIMB * h
-    gps[1, 1] = K_CLIMB * h
-    correction = _Move(fix, gps @ np.diag([white**2, config.gps_speed_std_mps**2]) @ gps.T)
-    return _stationary(_Move(step, noise).then(half), correction, round(h / tick_s), np.zeros(5))
+    def at(self, t_s: float, failed: Sequence[SensorsLost]) -> tuple[float, float]:
+        """Standard deviations (m) of the position on each horizontal axis and of the height, at a time no earlier than asked for
+        before; `failed` is all that has failed or returned until then, in order.
+        """
+        for change in failed[self._seen :]:
+            self._span = self._next(change)
+        self._seen = len(failed)
+        across, down = self._spreads(t_s)
+        return sqrt(across[0, 0]), sqrt(down[0, 0])
 
+    def _next(self, change: SensorsLost) -> _Span:
+        span = self._span
+        waited_s = self._laws[0].ticks_to_first * self._tick_s if span.awaits_fix else 0.0
+        had_fix = not span.lost & GPS_LOST and change.t_s - span.begun_s >= waited_s
+        fixed_s = change.t_s if had_fix else span.fixed_s
+        awaits_fix = not had_fix and not change.bits & GPS_LOST
+        return _Span(change.t_s, change.bits, self._spreads(change.t_s), fixed_s, awaits_fix)
 
-def _stationary(free: _Move, correction: _Move, ticks: int, push: Array) -> Array:
-    """The covariance before a correction that does not change from one to the next; `push` is a constant change a tick."""
-    between, pushed = _Move(np.eye(len(push)), np.zeros((len(push), len(push)))), np.zeros_like(push)
-    for _ in range(max(1, ticks)):
-        between, pushed = between.then(free), free.step @ pushed + push
-    whole = correction.then(between)
-    offset = np.linalg.solve(np.eye(len(push)) - whole.step, pushed)
-    for _ in range(_DOUBLINGS):
-        whole = whole.then(whole)
-    return np.asarray(whole.noise + np.outer(offset, offset))
+    def _spreads(self, t_s: float) -> tuple[Array, Array]:
+        (across, down), (first, second) = self._laws, self._span.spreads
+        return self._moved(across, first, t_s), self._moved(down, second, t_s)
 
-
-def _barometer_white_m(config: SensorsConfig) -> float:
-    return config.barometer_std_hpa / _HPA_PER_M
+    def _moved(self, law: Law, spread: Array, t_s: float) -> Array:
+        span = self._span
+        ticks = round((t_s - span.begun_s) / self._tick_s)
+        phase = law.without if span.lost & BARO_LOST else law.with_barometer
+        if span.lost & GPS_LOST:
+            return phase.coasting.spread(spread, ticks)
+        if not span.awaits_fix:
+            return phase.cycle.spread(spread, ticks // law.ticks_per_fix)
+        since_first = ticks - law.ticks_to_first
+        spread = phase.coasting.spread(spread, min(ticks, law.ticks_to_first))
+        if since_first < 0:
+            return spread
+        without_s = span.begun_s - span.fixed_s + law.ticks_to_first * self._tick_s
+        spread = phase.reset.spread(spread) if without_s > RESET_AFTER_S else phase.cycle.spread(spread, 1)
+        return phase.cycle.spread(spread, since_first // law.ticks_per_fix)

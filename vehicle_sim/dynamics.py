@@ -12,7 +12,15 @@ from typing import NamedTuple
 
 from vehicle_sim.compiled import inlined
 from vehicle_sim.parts import AirframeConfig
-from vehicle_sim.rotation import Quaternion, Vector, normalize, quaternion_from_euler, rotate_back, yaw_of
+from vehicle_sim.rotation import (
+    Quaternion,
+    Vector,
+    normalize,
+    quaternion_from_euler,
+    quaternion_multiply,
+    rotate_back,
+    yaw_of,
+)
 from vehicle_sim.rotors import Wrench
 
 GRAVITY_MPS2 = 9.80665
@@ -147,28 +155,26 @@ def step_free(x: State, wrench: Wrench, wind_ned_mps: Vector, body: Body, dt_s: 
 def rest_on_ground(x: State, dt_s: float) -> State:
     """Keep the body on or above the plane d = 0.
 
-    A body that has sunk below stops there without rebound; friction slows its slide and its feet level it. In the air x is
-    returned as it is.
+    A body that has sunk below stops there without rebound; friction slows its slide, and its feet turn it level as a damped spring
+    does, by its rates, so that a gyroscope feels it: all in proportion to how hard it presses, so that rotors that nearly lift it
+    turn it freely. In the air x is returned as it is.
     """
     if x.d < 0.0:
         return x
     vn, ve, vd = x.vn, x.ve, min(0.0, x.vd)
     speed = sqrt(vn * vn + ve * ve)
-    slide = max(0.0, 1.0 - _FRICTION * GRAVITY_MPS2 * dt_s / speed) if speed > 0.0 else 0.0
-    keep = exp(-dt_s / _SETTLE_S)
+    load = min(1.0, max(0.0, x.vd) / (GRAVITY_MPS2 * dt_s))
+    slide = max(0.0, 1.0 - _FRICTION * load * GRAVITY_MPS2 * dt_s / speed) if speed > 0.0 else 0.0
+    keep = exp(-load * dt_s / _SETTLE_S)
     q_wb = (x.qw, x.qx, x.qy, x.qz)
     level = quaternion_from_euler(0.0, 0.0, yaw_of(q_wb))
-    if q_wb[0] * level[0] + q_wb[1] * level[1] + q_wb[2] * level[2] + q_wb[3] * level[3] < 0.0:
-        level = (-level[0], -level[1], -level[2], -level[3])
-    w, i, j, k = normalize(
-        (
-            level[0] + (q_wb[0] - level[0]) * keep,
-            level[1] + (q_wb[1] - level[1]) * keep,
-            level[2] + (q_wb[2] - level[2]) * keep,
-            level[3] + (q_wb[3] - level[3]) * keep,
-        )
-    )
-    return State(x.n, x.e, 0.0, vn * slide, ve * slide, vd, w, i, j, k, x.p * keep, x.q * keep, x.r * keep)
+    w, i, j, k = quaternion_multiply((x.qw, -x.qx, -x.qy, -x.qz), level)
+    push = (2.0 if w >= 0.0 else -2.0) * (1.0 - keep) / _SETTLE_S
+    p, q, r = x.p * keep + push * i, x.q * keep + push * j, x.r * keep + push * k
+    # the rates have changed within the step: half of their change has turned it already
+    share = 0.25 * dt_s
+    turn = (1.0, share * (p - x.p), share * (q - x.q), share * (r - x.r))
+    return State(x.n, x.e, 0.0, vn * slide, ve * slide, vd, *normalize(quaternion_multiply(q_wb, turn)), p, q, r)
 
 
 @inlined

@@ -26,13 +26,22 @@ class Failure(NamedTuple):
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+class SensorsLost(NamedTuple):
+    """From `t_s` on (seconds since boot) the sensors of these bits (`sensing`) are lost, and no others."""
+
+    t_s: float
+    bits: int
+
+
 class Failures:
-    """What has failed so far, and what is to fail."""
+    """What has failed so far, and what is to fail. `history` has every change of the sensors that are there."""
 
     def __init__(self, plan: tuple[Failure, ...], flight: Fields, constants: Fields) -> None:
         self._due = sorted(plan, key=lambda failure: failure.at_s)
         self._flight, self._constants = flight, constants
+        self._t_s = 0.0
         self.sensors_lost = 0
+        self.history: list[SensorsLost] = []
 
     @property
     def health_bits_lost(self) -> int:
@@ -44,8 +53,14 @@ class Failures:
         """No position can be estimated any more."""
         return bool(self.sensors_lost & _SENSOR_BITS[GPS])
 
+    @property
+    def height_lost(self) -> bool:
+        """Neither barometer nor GPS tell a height."""
+        return not ~self.sensors_lost & (_SENSOR_BITS[BARO] | _SENSOR_BITS[GPS])
+
     def update(self, t_s: float) -> None:
         """Carry out what is due."""
+        self._t_s = t_s
         while self._due and self._due[0].at_s <= t_s:
             failure = self._due.pop(0)
             if failure.part == "wind":
@@ -68,6 +83,9 @@ class Failures:
         bit = _SENSOR_BITS.get(-1 if unit is None else unit)
         if bit is None:
             return False
-        self.sensors_lost = self.sensors_lost | bit if kind == OFF else self.sensors_lost & ~bit
-        self._constants.put("sensors_lost", self.sensors_lost)
+        lost = self.sensors_lost | bit if kind == OFF else self.sensors_lost & ~bit
+        if lost != self.sensors_lost:
+            self.sensors_lost = lost
+            self.history.append(SensorsLost(self._t_s, lost))
+            self._constants.put("sensors_lost", lost)
         return True

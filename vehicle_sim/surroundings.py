@@ -36,7 +36,8 @@ from vehicle_sim.wind import Pair, frozen_airspeed, gust_of, next_pair, next_u, 
 
 _WIND, _ESTIMATE = first_column(NOISE_COLUMNS, "wind"), first_column(NOISE_COLUMNS, "estimate")
 _TURBULENCE = first_column(NOISE_COLUMNS, "turbulence")
-_DRIFT_MPS_PER_ROOT_S = 0.1
+#: How the error model's velocity walks without GPS.
+DRIFT_MPS_PER_ROOT_S = 0.1
 
 
 @inlined
@@ -57,7 +58,7 @@ def _turbulence(m: Any, c: Any, n: Any) -> Vector:
 def _drift(m: Any, c: Any, n: Any) -> None:
     """Dead reckoning without GPS: the velocity's error walks, the position's is its integral."""
     for i in range(3):
-        m.error[3 + i] += _DRIFT_MPS_PER_ROOT_S * sqrt(c.slow_s) * n[_ESTIMATE + 3 + i]
+        m.error[3 + i] += DRIFT_MPS_PER_ROOT_S * sqrt(c.slow_s) * n[_ESTIMATE + 3 + i]
         m.error[i] += m.error[3 + i] * c.slow_s
 
 

@@ -8,7 +8,7 @@ from math import ceil, inf, radians
 
 import numpy as np
 
-from vehicle_sim.accuracy import accuracy_of
+from vehicle_sim.accuracy import AccuracyInFlight, accuracy_of
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.parameters import ParameterStore
 from vehicle_sim.battery import BatteryState, fresh_battery
@@ -59,6 +59,7 @@ class Vehicle:
         dt_s = self.step_us * 1e-6
         self.flight, self.constants = Fields(FLIGHT), write_constants(config, dt_s, self._slow_every)
         self.accuracy = accuracy_of(config.sensors, dt_s, self._slow_every * dt_s)
+        self._accuracy = AccuracyInFlight(config.sensors, dt_s, self._slow_every * dt_s)
         self._set_at_rest(seed)
         self.geo = GeoFrame.at(config.home)
         hover = config.airframe.mass_kg * GRAVITY_MPS2 / (4.0 * config.airframe.max_thrust_n)
@@ -92,6 +93,10 @@ class Vehicle:
             n, e, d, vn, ve, vd, w, i, j, k, p, q, r = self.flight.estimate.tolist()
             self._estimate = Estimate((n, e, d), (vn, ve, vd), (w, i, j, k), (p, q, r))
         return self._estimate
+
+    def accuracy_now(self) -> tuple[float, float]:
+        """Standard deviations of the estimate on each horizontal axis and of its height, m; `accuracy` is what they settle to."""
+        return self._accuracy.at(self.t_s, self.failures.history)
 
     @property
     def readings(self) -> Readings:

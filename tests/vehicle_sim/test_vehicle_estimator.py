@@ -143,8 +143,8 @@ def test_telemetry_states_the_accuracy_and_the_test_ratios() -> None:
     client = Client(Node(Vehicle(VehicleConfig(), 1), lockstep=False))
     statuses = named(client.run(30.0), "ESTIMATOR_STATUS")[5:]
     accuracy = client.node.vehicle.accuracy
-    assert statuses[-1].pos_horiz_accuracy == pytest.approx(sqrt(2) * accuracy.position_m, rel=1e-6)
-    assert statuses[-1].pos_vert_accuracy == pytest.approx(accuracy.height_m, rel=1e-6)
+    assert statuses[-1].pos_horiz_accuracy == pytest.approx(sqrt(2) * accuracy.position_m, rel=1e-4)
+    assert statuses[-1].pos_vert_accuracy == pytest.approx(accuracy.height_m, rel=1e-4)
     for name in ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"):
         ratios = [getattr(status, name) for status in statuses]
         assert 0.0 < np.median(ratios) < 0.6, name

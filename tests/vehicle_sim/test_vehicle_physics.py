@@ -18,6 +18,7 @@ from vehicle_sim.dynamics import (
     state_derivative,
     step_free,
 )
+from vehicle_sim.estimator import turned
 from vehicle_sim.geo import Geodetic, GeoFrame
 from vehicle_sim.noise import NoiseTable
 from vehicle_sim.parts import AirframeConfig, BatteryConfig, HomeConfig, SensorsConfig, WindConfig
@@ -180,15 +181,30 @@ def test_rotor_lag_reaches_63_percent_in_one_time_constant() -> None:
 
 
 def test_ground_holds_levels_and_lets_go() -> None:
-    x = State(1, 2, 0.3, 4, 0, 2, *quaternion_from_euler(0.4, -0.2, 1.0), 1, 1, 1)
+    x, body = State(1, 2, 0.3, 4, 0, 2, *quaternion_from_euler(0.4, -0.2, 1.0), 1, 1, 1), Body.of(NO_DRAG)
     for _ in range(400):
-        x = rest_on_ground(x, 0.0025)
-    assert x.position_ned_m == (1, 2, 0)
+        x = rest_on_ground(step_free(x, Wrench(0, 0, 0, 0), CALM, body, 0.0025), 0.0025)
+    assert x.position_ned_m == pytest.approx((2.0, 2, 0), abs=0.1)  # v^2 / (2 mu g) further on
     assert x.velocity_ned_mps == (0, 0, 0)
+    assert (x.p, x.q, x.r) == pytest.approx((0, 0, 0), abs=1e-3)
     assert euler_from_quaternion(x.q_wb_wxyz) == pytest.approx((0, 0, 1.0), abs=0.1)
     rising = x._replace(vd=-1.0)
     assert rest_on_ground(rising, 0.0025).vd == -1.0
     assert rest_on_ground(airborne(), 0.0025) is not None
+
+
+def test_what_turns_on_the_ground_turns_by_its_rates() -> None:
+    """A gyroscope feels how the feet level the body and hold it against the rotors: dead reckoned, it has the attitude."""
+    x, body = state_at_rest(0.3)._replace(q=0.5), Body.of(NO_DRAG)
+    believed, largest = x.q_wb_wxyz, 0.0
+    for k in range(400):
+        wrench = Wrench(5.0, 0.4 if k < 200 else -0.3, 0.2, 0.05)
+        after = rest_on_ground(step_free(x, wrench, CALM, body, 0.0025), 0.0025)
+        believed = turned(believed, (after.p * 0.0025, after.q * 0.0025, after.r * 0.0025))
+        x = after
+        assert abs(np.dot(believed, x.q_wb_wxyz)) > cos(radians(0.15) / 2.0)
+        largest = max(largest, abs(euler_from_quaternion(x.q_wb_wxyz).roll_rad))
+    assert largest > radians(2.0)
 
 
 def test_accelerometer_feels_one_g_up_on_the_ground_and_nothing_in_free_fall() -> None:

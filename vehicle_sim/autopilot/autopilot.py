@@ -200,6 +200,8 @@ class Autopilot(Requests):
     def _watch_ground(self, estimate: Estimate, asked_down_mps: float, thrust: float) -> None:
         was_landed = self.landed
         share = thrust / self.parameters["MPC_THR_HOVER"]
-        self._detector.update(estimate.position_ned_m, estimate.velocity_ned_mps, asked_down_mps, share, self._period_s)
+        valid = self.commander.health.estimate_good
+        position, velocity = estimate.position_ned_m, estimate.velocity_ned_mps
+        self._detector.update(position, velocity, asked_down_mps, share, self._period_s, valid)
         if was_landed != self.landed and self.phase not in (Phase.DISARMED, Phase.SPOOLUP):
             self.commander.say(Severity.INFO, "Landing detected" if self.landed else "Takeoff detected")

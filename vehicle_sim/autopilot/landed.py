@@ -1,7 +1,8 @@
 """Is the vehicle on the ground? PX4's three stages: ground contact, maybe landed, landed.
 
 Input: estimated velocity (NED), the velocity asked for, the thrust asked for (share of hover). Nothing measures the ground: contact
-is a vehicle that is told to sink and does not.
+is a vehicle that is told to sink and does not. A horizontal velocity that the estimator calls invalid is not looked at, as in PX4:
+without position the estimate goes on moving while the vehicle stands.
 """
 
 from dataclasses import dataclass
@@ -42,15 +43,20 @@ class LandedDetector:
         self._ground_d_m = 0.0
 
     def update(
-        self, position: Vector, velocity: Vector, asked_down_mps: float, thrust_of_hover: float, dt_s: float
+        self,
+        position: Vector,
+        velocity: Vector,
+        asked_down_mps: float,
+        thrust_of_hover: float,
+        dt_s: float,
+        across_valid: bool = True,
     ) -> None:
-        """`asked_down_mps` NaN counts as not asked."""
+        """`asked_down_mps` NaN counts as not asked; `across_valid`: the horizontal velocity is worth something."""
         if self.landed:
             self._watch_for_takeoff(position, velocity, thrust_of_hover)
             return
-        still = (
-            abs(velocity[2]) < self.limits.vertical_mps and hypot(velocity[0], velocity[1]) < self.limits.horizontal_mps
-        )
+        rests = not across_valid or hypot(velocity[0], velocity[1]) < self.limits.horizontal_mps
+        still = rests and abs(velocity[2]) < self.limits.vertical_mps
         low = thrust_of_hover < _LOW_THRUST_OF_HOVER
         self._contact_s = self._contact_s + dt_s if still and (low or asked_down_mps > _SINK_ASKED_MPS) else 0.0
         self.ground_contact = self._contact_s > _CONTACT_S

@@ -8,6 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from vehicle_sim.autopilot.commander import READY_AFTER_S
 from vehicle_sim.autopilot.guidance import DescendTask, LandTask, ReturnTask
 from vehicle_sim.autopilot.mission import MissionTask
 from vehicle_sim.autopilot.modes import Mode, base_mode
@@ -23,7 +24,9 @@ _SENSORS_ENABLED = 0x301402F
 _HEALTH_READY = 0x1320C83F
 _HEALTH_BOOT = 0x0320C80F
 _UINT16_UNKNOWN = 65535
-_ESTIMATOR_FLAGS_GOOD = 831
+_ESTIMATOR_ATTITUDE = int(mavlink.ESTIMATOR_ATTITUDE)
+_ESTIMATOR_ACROSS = 2 | 8 | 16 | 256 | 512  # velocity, position: relative, absolute, and to be had of either
+_ESTIMATOR_DOWN = 4 | 32  # climb, height
 _GPS_FIX_AFTER_S = 2.0
 _INNOVATION_GATE = 5.0
 _ROOT2 = sqrt(2.0)
@@ -125,20 +128,20 @@ def extended_sys_state(v: Vehicle) -> Any:
 
 
 def estimator_status(v: Vehicle) -> Any:
-    """ESTIMATOR_STATUS: each test ratio is an innovation over its gate, each accuracy one standard deviation."""
-    ready = v.autopilot.commander.is_ready()
+    """ESTIMATOR_STATUS: each test ratio is an innovation over its gate, each accuracy one standard deviation, in both axes together."""
     a, z = v.accuracy, v.flight.innovation.tolist()
+    across_m, down_m = v.accuracy_now()
     return mavlink.MAVLink_estimator_status_message(
         v.t_us,
-        _ESTIMATOR_FLAGS_GOOD if ready else 1,
+        _estimator_flags(v),
         _test_ratio(hypot(z[3], z[4]), a.gps_velocity_mps),
         _test_ratio(hypot(z[0], z[1]), a.gps_position_m),
         _test_ratio(z[6], a.barometer_m),
         _test_ratio(z[7], a.compass_rad),
         0.0,
         0.0,
-        _ROOT2 * a.position_m,
-        a.height_m,
+        _ROOT2 * across_m,
+        down_m,
     )
 
 
@@ -219,6 +222,15 @@ def vibration(v: Vehicle) -> Any:
 
 def _ms(v: Vehicle) -> int:
     return v.t_us // 1000
+
+
+def _estimator_flags(v: Vehicle) -> int:
+    """What is valid; horizontally it is not when GPS has been lost for longer than EKF2_NOAID_TOUT."""
+    flags = _ESTIMATOR_ATTITUDE
+    if v.t_s >= READY_AFTER_S:
+        flags |= _ESTIMATOR_ACROSS if v.autopilot.commander.health.estimate_good else 0
+        flags |= 0 if v.failures.height_lost else _ESTIMATOR_DOWN
+    return flags
 
 
 def _test_ratio(innovation: float, std: float) -> float:
