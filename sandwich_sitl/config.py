@@ -51,6 +51,9 @@ __all__ = [
 ]
 
 
+_OF_MARGIN = 0.75  # exp(-(1 / 0.75)^2) = 0.17 of errors that are normal on both axes are larger than the margin
+
+
 def _whole_milliseconds(rate_hz: float) -> float:
     """Lockstep recognises a period by its milliseconds."""
     if abs(1000.0 / rate_hz - round(1000.0 / rate_hz)) > 1e-9:
@@ -99,6 +102,14 @@ class AssuranceConfig:
     """When a plan is not flown."""
 
     region_tolerance_m: Annotated[float, Field(ge=0, description="how far outside a region a plan may pass")] = 0.02
+    position_std_m: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="standard deviation of the horizontal position, by the autopilot's account, above which it stops "
+            "and lands; null: three quarters of planner.margin_m",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -198,6 +209,12 @@ class RunConfig:
     def landing_altitude_m(self) -> float:
         """Altitude over the goal."""
         return self.altitude_m if self.goal_altitude_m is None else self.goal_altitude_m
+
+    @property
+    def position_std_limit_m(self) -> float:
+        """How uncertain of its place a vehicle may fly; at three quarters of the margin one error in six passes the margin."""
+        given_m = self.assurance.position_std_m
+        return _OF_MARGIN * self.planner.margin_m if given_m is None else given_m
 
     @model_validator(mode="after")
     def _ends_on_floors(self) -> Self:

@@ -96,7 +96,12 @@ class _Loop:
         self._stop_requests = stop_requests
         route = plan.reference
         self._mission = Mission(
-            config.mission, config.start_m, config.altitude_m, float(route.t_s[-1]), float(route.xyz_m[:, 2].max())
+            config.mission,
+            config.start_m,
+            config.altitude_m,
+            float(route.t_s[-1]),
+            float(route.xyz_m[:, 2].max()),
+            config.position_std_limit_m,
         )
         self._pilot = Pilot(config, plan.reference, plan.corridor, make_solver)
         self._obstacles = Prisms(plan.obstacles_m, plan.blocking_heights_m)
@@ -106,6 +111,7 @@ class _Loop:
         self._last_state: State | None = None
         self._refused: str | None = None
         self._ladder = (Rung.PLAN, Fault.NONE)
+        self._uncertain = False
         self._ticks = 0
         self._horizon_due_s = 0.0
 
@@ -192,6 +198,10 @@ class _Loop:
         self._record_rerouting(now_s, orders.state)
         for text in view.status_texts:
             self._recorder.log(now_s, "warning" if text.severity <= 4 else "info", f"vehicle: {text.text}")
+        limit_m = self._config.position_std_limit_m
+        if view.is_uncertain(limit_m) is not self._uncertain:
+            self._uncertain = not self._uncertain
+            self._recorder.log(now_s, "warning" if self._uncertain else "info", f"vehicle: {view.uncertainty(limit_m)}")
         if refused is not None and self._refused is None:
             self._recorder.log(now_s, "error", f"set-point not sent: {refused}")
         self._refused = refused

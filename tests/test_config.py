@@ -82,6 +82,12 @@ def test_the_good_file_is_good(tmp_path: Path) -> None:
         ("start_m: [4, 15]", "start_m: {x: 4}", 5, ("start_m",)),
         ("[25, 20], ", "[25], ", 4, ("world.obstacles[0].polygon_m[2]", "missing")),
         ("altitude_m: 8", "altitude_m: 8\nclock: {mode: fast}", 8, ("clock.mode", "realtime", '"fast"')),
+        (
+            "altitude_m: 8",
+            "altitude_m: 8\nassurance: {position_std_m: 0}",
+            8,
+            ("assurance.position_std_m", "greater than 0"),
+        ),
         ("altitude_m: 8", "altitude_m: 8\nseed: 1.5", 8, ("seed", "whole number")),
         ("altitude_m: 8", "altitude_m: 8\nzenoh: {enabled: 1}", 8, ("zenoh.enabled", "boolean")),
         ("altitude_m: 8", "altitude_m: 8\nplanner: 3", 9, ("'planner' stands twice",)),
@@ -211,6 +217,13 @@ def test_a_margin_that_the_estimate_s_errors_exceed_is_mentioned(
     if notice is not None:
         assert f"planner.margin_m {margin_m:g}" in notice
         assert estimator in notice
+
+
+def test_how_uncertain_of_its_place_a_vehicle_may_be_goes_by_the_margin_unless_it_is_given(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD)
+    assert load_config(path).position_std_limit_m == pytest.approx(0.45)
+    assert load_config(path, {"planner.margin_m": 1.0}).position_std_limit_m == pytest.approx(0.75)
+    assert load_config(path, {"assurance.position_std_m": 0.7}).position_std_limit_m == 0.7
 
 
 def test_an_overridden_value_of_the_vehicle_has_no_line(tmp_path: Path) -> None:

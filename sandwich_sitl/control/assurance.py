@@ -52,6 +52,7 @@ class Fault(StrEnum):
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
     OBSTACLE = "an obstacle has appeared on the way"
+    UNCERTAIN = "the autopilot no longer knows its position well enough"
     STOP = "the mission stops"
 
 

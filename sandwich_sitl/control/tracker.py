@@ -84,6 +84,7 @@ class Tracker:
         begins_s = self._when_at(r_m[2])
         self._stop_sigma: Callable[[Array], Array] = lambda progress: np.full_like(progress, begins_s)  # it waits too
         self.way_is_barred = False  # no plan is accepted: the last one is slowed down to its stop
+        self.is_uncertain = False  # the same because nobody knows well enough where the vehicle is
         self.stops = False  # the same because the flight is to end
         self._solver_error = ""
         self._last_s = -self._period_s
@@ -178,8 +179,8 @@ class Tracker:
 
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
-        if self.stops or self.way_is_barred:
-            return self._mpc.no_solution(), None, Fault.STOP if self.stops else Fault.OBSTACLE
+        if (refused := self._refused()) is not Fault.NONE:
+            return self._mpc.no_solution(), None, refused
         delay = self.estimator.delay_s
         offset = self.estimator.offset_ahead(self._steps_s + delay)
         desired, region = self._sample(self.clock.ahead(self._steps_s + (delay - dt)))
@@ -207,6 +208,14 @@ class Tracker:
             corridor.z_m,
         )  # fmt: skip
         return solution, stop if fault is Fault.NONE else None, fault
+
+    def _refused(self) -> Fault:
+        """Why no plan is accepted now, whatever it is."""
+        if self.stops:
+            return Fault.STOP
+        if self.is_uncertain:
+            return Fault.UNCERTAIN
+        return Fault.OBSTACLE if self.way_is_barred else Fault.NONE
 
     def _take(self, stop: StopPlan | None, t_s: float, dt: float) -> Rung:
         """Put the accepted plan in force, or go on with the last one."""

@@ -30,6 +30,7 @@ from sandwich_sitl.mission.vehicle_view import VehicleView
 _SLOW_US = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 200_000,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 200_000,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 1_000_000,
 }
 

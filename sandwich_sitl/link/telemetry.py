@@ -114,6 +114,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             mavlink.MAVLINK_MSG_ID_HOME_POSITION: self._home_position,
+            mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator_status,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
@@ -194,6 +195,10 @@ class Telemetry:
 
     def _home_position(self, _message: Any, _now_s: float) -> None:
         self._fields["home_known"] = True
+
+    def _estimator_status(self, message: Any, _now_s: float) -> None:
+        if message.pos_horiz_accuracy >= 0.0:  # NaN says nothing
+            self._fields["position_std_m"] = float(message.pos_horiz_accuracy)
 
     def _battery_status(self, message: Any, _now_s: float) -> None:
         self._battery(message.battery_remaining)

@@ -6,6 +6,7 @@ has shown.
 """
 
 from dataclasses import replace
+from math import inf
 
 from sandwich_sitl.config import MissionConfig
 from sandwich_sitl.mission.audit import AUDITED, audit
@@ -44,7 +45,8 @@ class Mission:
     """One flight from CONNECT to DONE or FAILED.
 
     `start_m` (x, y) ENU is where the vehicle must stand, `altitude_m` the flight altitude above it. `route_s`, the
-    duration of the reference, bounds the time in ACTIVE, and its greatest height `highest_m` that of the landing.
+    duration of the reference, bounds the time in ACTIVE, and its greatest height `highest_m` that of the landing. A vehicle that
+    knows its place less well than `position_std_m` does not take off, and lands.
     """
 
     def __init__(
@@ -54,8 +56,10 @@ class Mission:
         altitude_m: float,
         route_s: float = 600.0,
         highest_m: float | None = None,
+        position_std_m: float = inf,
     ) -> None:
-        self._task = Task(config, start_m, altitude_m, route_s, altitude_m if highest_m is None else highest_m)
+        highest_m = altitude_m if highest_m is None else highest_m
+        self._task = Task(config, start_m, altitude_m, route_s, highest_m, position_std_m)
         self._memory = Memory()
 
     @property
@@ -133,6 +137,7 @@ def entered(row: Row, situation: Situation) -> Memory:
             missing=", ".join(missing(situation)) or "nothing, it became ready too late",
             mode=view.mode.value,
             said=said(memory),
+            uncertainty=view.uncertainty(situation.task.position_std_m),
             limit=deadline_s(memory.state, situation.task, memory.entry_speed_mps),
         )
         memory = replace(memory, outcome=row.outcome, reason=reason)

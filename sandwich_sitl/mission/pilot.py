@@ -157,6 +157,7 @@ class Pilot:
         self._idle_s += min(now_s - self._last_s, _LATEST_S)
         self._last_s = now_s
         age_s = 0.0 if view.position_time_s is None else max(0.0, now_s - view.position_time_s)
+        self._tracker.is_uncertain = view.is_uncertain(self._config.position_std_limit_m)
         tick = self._tracker.tick(now_s - self._track_from_s, r_m - lift, v_mps, age_s)
         if tick.rung is Rung.BRAKE:
             self._lost = True

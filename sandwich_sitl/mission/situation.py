@@ -30,13 +30,16 @@ _PILOT_MODES = frozenset(
 
 @dataclass(frozen=True)
 class Task:
-    """What this mission is to do. `route_s` is the duration of the reference, `highest_m` its greatest height."""
+    """What this mission is to do. `route_s` is the duration of the reference, `highest_m` its greatest height,
+    `position_std_m` how uncertain of its place the vehicle may be.
+    """
 
     config: MissionConfig
     start_m: tuple[float, float]
     altitude_m: float
     route_s: float
     highest_m: float
+    position_std_m: float
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,8 @@ def missing(s: Situation) -> tuple[str, ...]:
             f"it stands {off_m:.1f} m from start_m ({x_m:g}, {y_m:g}), allowed are {tolerance_m:g} m: "
             "move it there or correct start_m"
         )
+    if uncertain(s):
+        lacks.append(view.uncertainty(s.task.position_std_m))
     if view.landed is False:
         lacks.append("it says that it is in the air")
     return tuple(lacks)
@@ -222,6 +227,16 @@ def disarmed(s: Situation) -> bool:
 def plan_stale(s: Situation) -> bool:
     """No fresh plan to send."""
     return s.inputs.plan_stale
+
+
+def uncertain(s: Situation) -> bool:
+    """It no longer knows well enough where it is."""
+    return s.view.is_uncertain(s.task.position_std_m)
+
+
+def stopped_uncertain(s: Situation) -> bool:
+    """The last plan has come to its stop, and nobody knows well enough where the vehicle is."""
+    return plan_stale(s) and uncertain(s)
 
 
 def no_way(s: Situation) -> bool:

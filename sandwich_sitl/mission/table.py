@@ -2,7 +2,10 @@
 
 Rows of a state are tried from top to bottom, the first whose guard holds is taken. `outcome` and `why` are remembered
 when the row is taken and stand in the final report unless a later row replaces them. `why` may name {missing}, {mode},
-{said} (what the autopilot last said) and {limit} (the state's deadline in seconds).
+{said} (what the autopilot last said), {limit} (the state's deadline in seconds) and {uncertainty} (how well it knows its place).
+
+A vehicle that rests for want of a plan waits in the air for `mission.hold_s`, so that somebody may decide. One that no longer knows
+where it is lands at once: it drifts while it waits, further with every second, and soon the autopilot would not hold it either.
 """
 
 from dataclasses import dataclass
@@ -31,6 +34,7 @@ _TAKEN = (
 )
 _FAILSAFE = "the autopilot's failsafe took over ({mode}); setpoints have stopped{said}"
 _DISARMED = "the vehicle disarmed by itself; look into its own log{said}"
+_UNCERTAIN = "the autopilot no longer knows its position well enough, {uncertainty}: stopped and landed at once{said}"
 _CLOSED = "obstacles reported before take-off close the way to the goal; the log says which"
 _NOT_READY = "the vehicle is not ready after {limit:g} s: {missing}{said}"
 _REFUSED = "the autopilot does not go into armed OFFBOARD{said}"
@@ -91,6 +95,7 @@ ROWS: tuple[Row, ...] = (
     Row(State.TAKEOFF, when.deadline, State.LAND, End.TIMEOUT, "the take-off takes longer than {limit:g} s{said}"),
     *_in_flight(State.ACTIVE),
     Row(State.ACTIVE, when.stop, State.BRAKE, End.INTERRUPTED, _STOPPED),
+    Row(State.ACTIVE, when.stopped_uncertain, State.BRAKE, End.HELD, _UNCERTAIN),
     Row(
         State.ACTIVE,
         when.plan_stale,
@@ -112,6 +117,7 @@ ROWS: tuple[Row, ...] = (
     Row(State.BRAKE, when.deadline, State.HOLD),
     *_in_flight(State.HOLD),
     Row(State.HOLD, when.asked_to_land, State.LAND),
+    Row(State.HOLD, when.uncertain, State.LAND),
     Row(State.HOLD, when.hold_over, State.LAND),
     Row(State.LAND, when.settled, State.DONE),
     Row(State.LAND, when.failsafe_in_land, State.WATCH, End.FAILSAFE, _FAILSAFE),

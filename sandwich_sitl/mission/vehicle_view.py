@@ -130,12 +130,30 @@ class VehicleView:
     position_time_s: float | None = None
     q_wxyz: Vector | None = None
     home_known: bool = False
+    position_std_m: float | None = None  # of the horizontal position, by the autopilot's own account
     battery_percent: float | None = None
     status_texts: tuple[StatusText, ...] = ()  # since the last tick
     acks: tuple[CommandAck, ...] = ()  # since the last tick
     scans: tuple[RangeScan, ...] = ()  # since the last tick
     scan_problems: tuple[str, ...] = ()  # what was wrong with others, since the last tick
     parameters: Mapping[str, float] = field(default_factory=lambda: _NO_PARAMETERS)
+
+    def is_uncertain(self, limit_m: float) -> bool:
+        """Whether the autopilot says that it knows where it is no better than that.
+
+        What it said last stands, however long ago: its silence does not mend a figure that was too large. One that never
+        said anything (ArduPilot) is believed.
+        """
+        return self.position_std_m is not None and self.position_std_m > limit_m
+
+    def uncertainty(self, limit_m: float) -> str:
+        """How well it knows where it is, and what is allowed, in words."""
+        if self.position_std_m is None:
+            return "it does not say how well it knows its position"
+        return (
+            f"it knows its position to {self.position_std_m:.3g} m (one standard deviation), allowed are {limit_m:.3g} m "
+            "(assurance.position_std_m)"
+        )
 
     @property
     def speed_mps(self) -> float:

@@ -263,6 +263,29 @@ def test_a_blind_tracker_slows_down() -> None:
     assert np.linalg.norm(state[3:]) < 1e-9
 
 
+def test_a_vehicle_that_does_not_know_where_it_is_stops_along_its_plan_and_goes_on_when_it_does() -> None:
+    reference, corridor = flight()
+    config = run_config()
+    for back, ends_at_rest in ((270, False), (10**6, True)):
+        tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+        state, ticks = np.concatenate([reference.xyz_m[0], np.zeros(9)]), []
+        for k in range(500):
+            tracker.is_uncertain = 250 <= k < back
+            ticks.append(tracker.tick(k * DT, state[:3], state[3:6], 0.0))
+            state = ticks[-1].setpoint
+        faults = {tick.fault for tick in ticks[250 : min(back, 500)]}
+        assert faults == {Fault.UNCERTAIN}
+        assert ticks[250].rung is Rung.SHIFTED
+        assert "no longer knows its position" in describe(Rung.SHIFTED, Fault.UNCERTAIN)
+        assert ticks[-1].rung is (Rung.BRAKE if ends_at_rest else Rung.PLAN)
+        assert (np.linalg.norm(state[3:6]) < 1e-9) == ends_at_rest
+        states = np.array([tick.setpoint for tick in ticks])
+        jumps = states[1:, :3] - states[:-1, :3] - DT * states[:-1, 3:6] - DT**2 / 2 * states[:-1, 6:9]
+        assert np.abs(jumps).max() < 1e-4
+    tracker.is_uncertain = tracker.stops = True
+    assert tracker.tick(500 * DT, state[:3], state[3:6], 0.0).fault is Fault.STOP
+
+
 def test_a_region_that_closes_stops_the_vehicle_before_it() -> None:
     """Regions after the sixth are walled off: no plan through them is accepted, and the command rests before the wall."""
     reference, corridor = flight()

@@ -155,6 +155,25 @@ def test_telemetry_becomes_a_view() -> None:
     assert view.q_wxyz == pytest.approx([0.5**0.5, 0.0, 0.0, 0.5**0.5])
 
 
+def test_what_the_autopilot_says_of_its_accuracy_stands_until_it_says_better() -> None:
+    vehicle = Vehicle()
+
+    def say(position_std_m: float) -> float | None:
+        vehicle.say(vehicle.mav.estimator_status_encode(0, 831, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, position_std_m, 0.2))
+        std_m: float | None = vehicle.view.position_std_m
+        return std_m
+
+    assert vehicle.view.position_std_m is None
+    assert not vehicle.view.is_uncertain(0.0)
+    assert say(nan) is None
+    assert say(0.5) == 0.5
+    assert vehicle.view.is_uncertain(0.49)
+    assert not vehicle.view.is_uncertain(0.5)
+    assert [say(word) for word in (nan, -1.0, -inf)] == [0.5] * 3
+    assert say(inf) == inf
+    assert vehicle.view.is_uncertain(1e6)
+
+
 def test_status_texts_are_joined_and_handed_out_once() -> None:
     vehicle = Vehicle()
     long = "Arming denied: Resolve system health failures first, and some more of it"

@@ -29,7 +29,8 @@ from sandwich_sitl.mission.vehicle_view import (
 
 START, ALTITUDE, ROUTE_S = (1.0, 2.0), 10.0, 30.0
 CONFIG = MissionConfig()
-TASK = Task(CONFIG, START, ALTITUDE, ROUTE_S, ALTITUDE)
+STD_M = 0.45
+TASK = Task(CONFIG, START, ALTITUDE, ROUTE_S, ALTITUDE, STD_M)
 WAITING = [state for state in State if state not in TERMINAL]
 READ = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0.0, "NAV_RCL_ACT": 2.0}
 
@@ -70,7 +71,7 @@ class Run:
     """Steps one mission at 50 Hz of the run clock and keeps what it ordered."""
 
     def __init__(self) -> None:
-        self.mission = Mission(CONFIG, START, ALTITUDE, ROUTE_S)
+        self.mission = Mission(CONFIG, START, ALTITUDE, ROUTE_S, position_std_m=STD_M)
         self.now_s = 0.0
         self.orders: list[Orders] = []
 
@@ -131,6 +132,7 @@ def random_situation(state: State, dice: random.Random) -> Situation:
         prearm_ok=dice.random() < 0.7,
         r_m=np.array((*START, dice.choice((0.0, ALTITUDE)))),
         v_mps=np.array((dice.choice((0.0, 3.0)), 0.0, 0.0)),
+        position_std_m=dice.choice((None, 0.4, 0.6)),
     )
     inputs = MissionInputs(dice.choice((0, 0, 0, 1, 2)), *(dice.random() < 0.2 for _ in range(3)))
     return Situation(now_s, view, inputs, TASK, memory)
@@ -237,7 +239,7 @@ def test_nothing_forbidden_is_ever_ordered(script: list[tuple[object, ...]], aut
 def test_every_mission_ends(seed: int) -> None:
     """With a vehicle that does anything at all, changing its mind every 5 s, the deadlines add up to an end."""
     dice = random.Random(seed)
-    mission = Mission(CONFIG, START, ALTITUDE, ROUTE_S)
+    mission = Mission(CONFIG, START, ALTITUDE, ROUTE_S, position_std_m=STD_M)
     longest_s = sum(deadline_s(state, TASK, 3.0) for state in WAITING) + 1.0
     now_s = 0.0
     while now_s < longest_s:
@@ -335,6 +337,44 @@ def test_a_lost_plan_that_nobody_asks_about_lands_when_the_hold_is_over() -> Non
     held_s = run.now_s
     run.until(State.LAND, lambda now: flying(now, v_mps=np.zeros(3)))
     assert run.now_s - held_s == pytest.approx(CONFIG.hold_s, abs=0.1)
+
+
+def test_a_vehicle_that_is_lost_lands_as_soon_as_it_has_stopped() -> None:
+    """It would drift while it waits; what said nothing of its accuracy, or says better, waits as ever."""
+    run = active()
+    run.step(flying(run.now_s, position_std_m=0.7))
+    assert run.mission.state is State.ACTIVE  # slowing down is the tracker's
+    run.step(flying(run.now_s, position_std_m=0.7), MissionInputs(plan_stale=True))
+    assert run.mission.state is State.BRAKE
+    still = {"v_mps": np.zeros(3), "position_std_m": 0.8}
+    run.until(State.HOLD, lambda now: flying(now, **still))
+    orders = run.step(flying(run.now_s, **still))
+    assert (orders.state, orders.commands) == (State.LAND, (SetMode(FlightMode.LAND),))
+    end = run.until(State.DONE, lambda now: standing(now, mode=FlightMode.LAND, position_std_m=5.0))
+    assert end.finished is not None
+    assert (end.finished.outcome, end.finished.exit_status) == ("held", 6)
+    assert "0.7 m (one standard deviation), allowed are 0.45 m (assurance.position_std_m)" in end.finished.reason
+
+
+def test_a_held_vehicle_that_gets_lost_waits_no_longer() -> None:
+    run = active()
+    run.step(flying(run.now_s), MissionInputs(plan_stale=True))
+    run.until(State.HOLD, lambda now: flying(now, v_mps=np.zeros(3), position_std_m=0.4))
+    for _ in range(50):
+        run.step(flying(run.now_s, v_mps=np.zeros(3), position_std_m=0.4))
+    assert run.mission.state is State.HOLD
+    assert run.step(flying(run.now_s, v_mps=np.zeros(3), position_std_m=0.46)).state is State.LAND
+
+
+def test_a_vehicle_that_does_not_know_where_it_stands_does_not_arm() -> None:
+    run = Run()
+    orders = run.until(State.FAILED, lambda now: standing(now, position_std_m=1.25))
+    assert orders.finished is not None
+    assert orders.finished.outcome == "refused"
+    assert "1.25 m (one standard deviation), allowed are 0.45 m (assurance.position_std_m)" in orders.finished.reason
+    waiting = Run()
+    waiting.until(State.REQUEST, lambda now: standing(now, position_std_m=1.25 if now < 10.0 else 0.45))
+    assert waiting.now_s > 10.0
 
 
 def test_a_stop_on_request_holds_only_for_as_long_as_it_primes() -> None:
