@@ -16,5 +16,5 @@ def margin_notice(config: RunConfig, vehicle: VehicleConfig) -> str | None:
     return (
         f"planner.margin_m {config.planner.margin_m:g} is less than {_SPREADS:g} times the {spread_m:.2g} m by which the "
         f"vehicle's estimate is off on each axis (vehicle.sensors.estimator {vehicle.sensors.estimator}), so an obstacle may "
-        f"be touched; give {_SPREADS * spread_m:.1f} or more, 1.5 where GPS may be lost"
+        f"be touched; give {_SPREADS * spread_m:.1f} or more"
     )

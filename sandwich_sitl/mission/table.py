@@ -34,7 +34,7 @@ _TAKEN = (
 )
 _FAILSAFE = "the autopilot's failsafe took over ({mode}); setpoints have stopped{said}"
 _DISARMED = "the vehicle disarmed by itself; look into its own log{said}"
-_UNCERTAIN = "the autopilot no longer knows its position well enough, {uncertainty}: stopped and landed at once{said}"
+_UNCERTAIN = "the autopilot no longer knows its position well enough, {uncertainty}: stopped and landed{said}"
 _CLOSED = "obstacles reported before take-off close the way to the goal; the log says which"
 _NOT_READY = "the vehicle is not ready after {limit:g} s: {missing}{said}"
 _REFUSED = "the autopilot does not go into armed OFFBOARD{said}"
