@@ -117,7 +117,7 @@ class Horizon:
         limits: MotionLimits,
         weight: float = 1.0,
     ) -> None:
-        self.n_tau, self.axes, self.faces, self.weight = n_tau, axes, faces, weight
+        self.n_tau, self.step_s, self.axes, self.faces, self.weight = n_tau, step_s, axes, faces, weight
         self.beta = bandwidth_radps**8
         self.scales = bandwidth_radps ** np.arange(5.0)
         self.penalties = weight * np.array([REGION_PENALTY, MOTION_PENALTY])
@@ -146,6 +146,20 @@ class Horizon:
     def free(self, tick: HorizonTick) -> Array:
         """Shares (5 n, axes) of r, v, a, j, u at the optimum without any row, in closed form."""
         return np.asarray(self.free_of_state @ tick.state + self.free_of_desired @ tick.desired)
+
+    def settling(self, period_s: float) -> float:
+        """Spectral radius of the motion from one tick to the next, `period_s` later, when each begins with a free plan to
+        rest at one place: below 1 the plans settle there, else each is good on its own and together they run away. inf
+        when a plan ends before the next tick.
+        """
+        n, steps = self.n_tau, int(period_s / self.step_s + 1e-9)
+        if steps >= n:
+            return inf
+        planned = (self.free_of_state * self.unit_of_row).reshape(QUANTITIES, n, 4)
+        whole = planned[:4, steps - 1] if steps else np.eye(4)
+        rest = quadruple_integrator(period_s - steps * self.step_s, "zoh")
+        moved = rest.A_p[::3, ::3] @ whole + np.outer(rest.B_p[::3, 0], planned[4, steps])
+        return float(np.abs(np.linalg.eigvals(moved)).max())
 
     def sane(self, tick: HorizonTick, shares: Array) -> bool:
         """Whether a tick's numbers are finite, and the free optimum that `shares` (5 n, axes) belong to is not far away.

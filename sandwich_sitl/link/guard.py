@@ -1,7 +1,8 @@
 """The last look at a setpoint before it is sent.
 
-State: none. Input: the setpoint, the one before it, the measured position; ENU metres. A rejected setpoint is
-reported by its reason and not sent, so that the autopilot's own failsafe decides when there is nothing better.
+State: none. Input: the setpoint, the one sent before it and how long ago, the measured position; ENU metres, seconds. A
+rejected setpoint is reported by its reason and not sent, so that the autopilot's own failsafe decides when there is
+nothing better. After a pause the vehicle is somewhere else, so what counts between setpoints is a speed.
 """
 
 from dataclasses import dataclass
@@ -19,30 +20,29 @@ Vector = NDArray[np.float64]
 class Fence:
     """Limits of what may be asked of the vehicle.
 
-    `bounds_m` is x_min, y_min, x_max, y_max and `z_m` lowest and highest altitude; `step_m` how far two setpoints that
-    follow each other may lie apart, `reach_m` how far a setpoint may lie from the vehicle.
+    `bounds_m` is x_min, y_min, x_max, y_max and `z_m` lowest and highest altitude; `step_mps` how far two setpoints that
+    follow each other may lie apart for each second between them, `reach_m` how far a setpoint may lie from the vehicle.
     """
 
     bounds_m: tuple[float, float, float, float]
     z_m: tuple[float, float]
     speed_mps: float = 20.0
     acceleration_mps2: float = 20.0
-    step_m: float = 1.0
+    step_mps: float = 30.0
     reach_m: float = 10.0
 
 
-def fence_around(
-    bounds_m: tuple[float, float, float, float], altitude_m: float, period_s: float, slack_m: float = 5.0
-) -> Fence:
+def fence_around(bounds_m: tuple[float, float, float, float], altitude_m: float, slack_m: float = 5.0) -> Fence:
     """World bounds and flight altitude with `slack_m` on every side; steps as fast as the speed limit, and a half more."""
     x_min, y_min, x_max, y_max = bounds_m
     widened = (x_min - slack_m, y_min - slack_m, x_max + slack_m, y_max + slack_m)
-    speed_mps = Fence.speed_mps
-    return Fence(widened, (-slack_m, altitude_m + slack_m), speed_mps, step_m=1.5 * speed_mps * period_s)
+    return Fence(widened, (-slack_m, altitude_m + slack_m), step_mps=1.5 * Fence.speed_mps)
 
 
-def objection(setpoint: Setpoint, previous: Setpoint | None, measured_m: Vector | None, fence: Fence) -> str | None:
-    """Why this setpoint must not be sent, or None."""
+def objection(
+    setpoint: Setpoint, previous: Setpoint | None, since_s: float, measured_m: Vector | None, fence: Fence
+) -> str | None:
+    """Why this setpoint, `since_s` after the one sent before it, must not be sent, or None."""
     if not isfinite(setpoint.yaw_rad):
         return f"yaw {setpoint.yaw_rad} is not finite"
     for name, vector, limit in (
@@ -53,17 +53,20 @@ def objection(setpoint: Setpoint, previous: Setpoint | None, measured_m: Vector 
             return f"{name} {_show(vector)} is not below {limit:g}"
     if setpoint.r_m is None:
         return None
-    return _position_objection(setpoint.r_m, previous, measured_m, fence)
+    before_m = None if previous is None else previous.r_m
+    return _position_objection(setpoint.r_m, before_m, fence.step_mps * since_s, measured_m, fence)
 
 
-def _position_objection(r_m: Vector, previous: Setpoint | None, measured_m: Vector | None, fence: Fence) -> str | None:
+def _position_objection(
+    r_m: Vector, before_m: Vector | None, step_m: float, measured_m: Vector | None, fence: Fence
+) -> str | None:
     x, y, z = r_m.tolist()
     x_min, y_min, x_max, y_max = fence.bounds_m
     z_min, z_max = fence.z_m
     if not (x_min <= x <= x_max and y_min <= y <= y_max and z_min <= z <= z_max):
         return f"position {_show(r_m)} m is outside of the fence {fence.bounds_m}, z {fence.z_m}"
-    if previous is not None and previous.r_m is not None and _length(r_m - previous.r_m) > fence.step_m:
-        return f"position {_show(r_m)} m lies more than {fence.step_m:g} m from the last setpoint {_show(previous.r_m)}"
+    if before_m is not None and _length(r_m - before_m) > step_m:
+        return f"position {_show(r_m)} m lies more than {step_m:g} m from the last setpoint {_show(before_m)}"
     if measured_m is not None and _length(r_m - measured_m) > fence.reach_m:
         return f"position {_show(r_m)} m lies more than {fence.reach_m:g} m from the vehicle at {_show(measured_m)}"
     return None

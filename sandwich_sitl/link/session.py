@@ -112,6 +112,7 @@ class LinkSession:
         self._now_s = 0.0
         self._view = VehicleView()
         self._previous: Setpoint | None = None
+        self._previous_s = 0.0
         self._sent = 0
 
     def __enter__(self) -> Self:
@@ -189,13 +190,15 @@ class LinkSession:
             frames.append(self._encoder.idle(boot))
         self._note_sent(frames, now_s)
         self._pacer.sent(b"".join(frames))
-        self._previous = setpoint
+        if reason is None:
+            self._previous, self._previous_s = setpoint, now_s
         return reason
 
     def _object(self, setpoint: Setpoint | None) -> str | None:
         if setpoint is None or self._fence is None:
             return None
-        return objection(setpoint, self._previous, self._view.r_m, self._fence)
+        since_s = max(self._now_s - self._previous_s, self._period_s)
+        return objection(setpoint, self._previous, since_s, self._view.r_m, self._fence)
 
     def _contact(self, system_id: int, component_id: int) -> None:
         self._contacted = True

@@ -32,6 +32,7 @@ Vector = NDArray[np.float64]
 STALE_S = 0.3  # age at which the last usable plan must not be sent on as if it were fresh
 _LATEST_S = 0.1
 _SETTLED_MPS = 0.3
+_LONG_ENOUGH = 6.0  # horizon times bandwidth with which plans settle at every rate
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,12 @@ class Pilot:
     ) -> None:
         """Everything that takes time to build, the controller above all, is built here, before there is a flight.
 
-        Raises `InputError` when the plan's limits leave less than the reference asks for.
+        Raises `InputError` when the plan's limits leave less than the reference asks for, or the horizon is too short.
         """
         _check_room(config)
         self._config, self._reference, self._corridor = config, reference, corridor
         self._mpc = Mpc(config.mpc, config.mode, corridor.Gamma.shape[1], make_solver)
+        _check_settling(config, self._mpc)
         rehearse(self._mpc, config, reference, corridor)
         self._tracker: Tracker | None = None
         self._track_from_s = 0.0
@@ -214,6 +216,19 @@ def _check_room(config: RunConfig) -> None:
                 f"mpc.{key}: leaves the plan {plan:.3g} in every direction, less than planner.{slower} {reference:g}, so "
                 "it could not follow its own reference; raise the one or lower the other"
             )
+
+
+def _check_settling(config: RunConfig, mpc: Mpc) -> None:
+    """Plans over a horizon that is short for their bandwidth do not come to rest at its end, and overshoot ever more."""
+    if config.mode == "paper":
+        return
+    radius = max(horizon.settling(1.0 / config.mpc.rate_hz) for horizon in (mpc.plane, mpc.height))
+    if radius >= 1.0:
+        raise InputError(
+            f"mpc.horizon_steps x mpc.step_s: {mpc.n_tau * mpc.step_s:.3g} s are too short for mpc.bandwidth_radps "
+            f"{config.mpc.bandwidth_radps:g} at mpc.rate_hz {config.mpc.rate_hz:g}: from tick to tick the plans would run away "
+            f"from their reference; give a horizon of {_LONG_ENOUGH / config.mpc.bandwidth_radps:.1f} s or more"
+        )
 
 
 def _yaw(view: VehicleView) -> float:

@@ -17,6 +17,7 @@ from sandwich_sitl.cli import main
 from sandwich_sitl.mission.orders import OutcomeName
 from sandwich_sitl.recording.reader import RunLog
 from sandwich_sitl.recording.regions import outside_m
+from sandwich_sitl.recording.summary import tracking_error
 
 from .conftest import Process
 
@@ -58,37 +59,6 @@ def test_calm_air_and_an_exact_estimate_are_tracked_to_centimetres(
     assert main(["bench", "tracking", str(short_config), "--only", "no such thing"]) == 2
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(200)
-@pytest.mark.parametrize(
-    ("who", "pause_s", "rms_m"), [("both", 1.0, 0.08), ("offboard", 0.6, 0.25), ("vehicle", 0.6, 0.25)]
-)
-def test_a_pause_of_a_process_in_flight_is_got_over(
-    who: str, pause_s: float, rms_m: float, start: Callable[..., Process], short_config: Path, tmp_path: Path
-) -> None:
-    """Real time, twice as fast: a host that stalls stops both processes and costs nothing, a busy processor stops one of
-    them, and the vehicle is then 0.6 s of its way from where it should be.
-    """
-    run = start(
-        "sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path), "--clock", "realtime", "--speed", "2"
-    )
-    run.wait_for("ACTIVE")
-    time.sleep(6.5)
-    here = run.child.pid
-    children = [int(pid) for pid in Path(f"/proc/{here}/task/{here}/children").read_text().split()]
-    (vehicle,) = [pid for pid in children if b"vehicle_sim" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    paused = {"both": [here, vehicle], "offboard": [here], "vehicle": [vehicle]}[who]
-    for pid in paused:
-        os.kill(pid, signal.SIGSTOP)
-    time.sleep(pause_s)
-    for pid in paused:
-        os.kill(pid, signal.SIGCONT)
-    assert run.finish() == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["assurance"]["brake"] == 0
-    assert summary["flight"]["rms_error_m"] < rms_m
-
-
 def with_room(changes: Mapping[str, Any]) -> Mapping[str, Any]:
     """A condition; by GPS, whose errors the runs' margin of 0.6 m is not made for, with one of 1.5 m."""
     by_gps = changes.get("vehicle.sensors.estimator") == "filter"
@@ -105,6 +75,45 @@ GOALS = {  # RMS and worst in metres, where one is set
     "noise, gusts, another vehicle": (0.15, 0.40),
     "gusts, filter estimate": (0.70, 1.20),  # the filter's own error
 }
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize("who", ["both", "offboard", "vehicle"])
+def test_a_pause_of_a_process_in_flight_is_got_over(
+    who: str, start: Callable[..., Process], short_config: Path, tmp_path: Path
+) -> None:
+    """Real time, twice as fast: a host that stalls stops both processes and costs nothing. A busy processor stops one of
+    them for 0.6 s of the vehicle's clock (OFFBOARD is lost after 1 s): the vehicle is at most that much of its way from
+    where it should be, stays in the corridor, and arrives as exactly as without.
+    """
+    in_real_time = ("--clock", "realtime", "--speed", "2")
+    run = start("sandwich_sitl.cli", "run", str(short_config), "--out", str(tmp_path), *in_real_time)
+    run.wait_for("ACTIVE")
+    time.sleep(6.5)
+    here = run.child.pid
+    children = [int(pid) for pid in Path(f"/proc/{here}/task/{here}/children").read_text().split()]
+    (vehicle,) = [pid for pid in children if b"vehicle_sim" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    paused = {"both": [here, vehicle], "offboard": [here], "vehicle": [vehicle]}[who]
+    stopped = time.monotonic()
+    for pid in paused:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.3)
+    for pid in paused:
+        os.kill(pid, signal.SIGCONT)
+    lost_s = 2.0 * (time.monotonic() - stopped) if who != "both" else 0.0
+    assert run.finish() == 0
+    summary, log = json.loads((tmp_path / "summary.json").read_text()), RunLog.read(tmp_path / "run.mcap")
+    assert summary["assurance"]["brake"] == 0
+    assert not any("not sent" in line.message for line in log.lines)
+    assert (np.diff(log.control.t_s).max() > 0.5) == (who == "offboard")
+    at_s, error_m = tracking_error(log)
+    _, worst_m = GOALS["default noise"]
+    assert error_m.max() < worst_m + 3.0 * lost_s
+    assert error_m[at_s > at_s[-1] - 3.0].max() < worst_m
+    numbers = measure(who, 3, summary, log)
+    assert numbers.off_corridor == 0.0
+    assert numbers.clearance_m >= 0.4
 
 
 @pytest.mark.slow

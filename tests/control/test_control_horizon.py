@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sandwich_sitl.control.horizon import FAILED, FREE, HorizonTick, MotionLimits
+from sandwich_sitl.control.horizon import FAILED, FREE, Horizon, HorizonTick, MotionLimits
 from sandwich_sitl.control.model import quadruple_integrator
 from sandwich_sitl.control.solvers.active_set import ActiveSetSolver
 from sandwich_sitl.control.solvers.clarabel_sparse import ClarabelSolver
@@ -155,6 +155,36 @@ def test_bandwidth_is_the_bandwidth_of_the_closed_loop() -> None:
     assert settled < 60
     assert np.abs(np.array(positions[settled:]) - 1.0).max() < 0.05
     assert hz.beta == OMEGA**8
+
+
+@pytest.mark.parametrize(
+    ("steps", "step_s", "period_s", "settles"),
+    [
+        (20, 0.1, 0.02, True),
+        (20, 0.1, 0.1, True),
+        (20, 0.03, 0.1, True),
+        (5, 0.1, 0.02, True),
+        (20, 0.02, 0.05, True),
+        (10, 0.02, 0.02, False),
+        (20, 0.01, 0.02, False),
+        (4, 0.02, 0.1, False),
+    ],
+)
+def test_a_horizon_settles_where_its_plans_flown_one_after_the_other_do(
+    steps: int, step_s: float, period_s: float, settles: bool
+) -> None:
+    """Second way: plan, fly the plan's snap for a period by small steps, plan again."""
+    hz = Horizon(steps, step_s, "zoh", 8.0, 1, 2, MotionLimits())
+    assert (hz.settling(period_s) < 1.0) == settles
+    fine, state, lengths = quadruple_integrator(1e-3, "zoh"), np.array([[1.0], [0.0], [0.0], [0.0]]), []
+    for _ in range(round(12.0 / period_s)):
+        tick = HorizonTick(state, np.zeros((steps, 1)), np.zeros((steps, 2, 1)), np.full((steps, 2), 1e3))
+        snap = hz.free_answer(hz.free(tick)).snap
+        for k in range(round(period_s / 1e-3)):
+            u = snap[min(int(k * 1e-3 / step_s + 1e-9), steps - 1)]
+            state = fine.A_p[::3, ::3] @ state + np.outer(fine.B_p[::3, 0], u)
+        lengths.append(float(np.linalg.norm(state[:, 0] / hz.scales[:4])))
+    assert (lengths[-1] < 1e-2 * lengths[0]) == settles
 
 
 def test_polygons_are_inscribed() -> None:

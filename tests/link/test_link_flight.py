@@ -46,7 +46,7 @@ def fly(
     log: list[str] = []
     config = MissionConfig(connect_timeout_s=5.0, ready_timeout_s=5.0, land_timeout_s=10.0)
     mission = Mission(config, START, ALTITUDE, route_s=climb_s)
-    fence = fence_around((0.0, 0.0, 10.0, 10.0), ALTITUDE, PERIOD)
+    fence = fence_around((0.0, 0.0, 10.0, 10.0), ALTITUDE)
     ground, up = np.array((*START, 0.0)), np.array((0.0, 0.0, 1.0))
     active_s, hold = None, None
     with (

@@ -262,7 +262,8 @@ def test_mode_changes_are_sent_once_and_never_repeated_by_the_link() -> None:
     assert all(box.due(tick * 0.1) == [] for tick in range(50))
 
 
-FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, 0.02)
+PERIOD_S = 0.02
+FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0)
 INSIDE = np.array((10.0, 10.0, 5.0))
 NEXT = np.array((10.7, 10.0, 5.0))
 FAR = np.array((21.0, 10.0, 5.0))
@@ -283,11 +284,20 @@ FAR = np.array((21.0, 10.0, 5.0))
     ],
 )  # fmt: skip
 def test_fence(setpoint: Setpoint, words: str | None) -> None:
-    reason = objection(setpoint, Setpoint(INSIDE, None, None, 0.0), INSIDE, FENCE)
+    reason = objection(setpoint, Setpoint(INSIDE, None, None, 0.0), PERIOD_S, INSIDE, FENCE)
     assert (reason is None) if words is None else (reason is not None and words in reason)
 
 
+@pytest.mark.parametrize(("since_s", "refused"), [(0.0233, True), (0.0234, False), (0.3, False)])
+def test_the_fence_bounds_a_speed_so_that_after_a_pause_the_next_setpoint_may_lie_further_on(
+    since_s: float, refused: bool
+) -> None:
+    """0.7 m at 30 m/s take 0.02333 s."""
+    reason = objection(Setpoint(NEXT, None, None, 0.0), Setpoint(INSIDE, None, None, 0.0), since_s, INSIDE, FENCE)
+    assert (reason is not None) == refused
+
+
 def test_fence_keeps_setpoints_near_the_vehicle() -> None:
-    far = objection(Setpoint(INSIDE, None, None, 0.0), None, FAR, Fence((0, 0, 50, 40), (0, 20)))
+    far = objection(Setpoint(INSIDE, None, None, 0.0), None, PERIOD_S, FAR, Fence((0, 0, 50, 40), (0, 20)))
     assert far is not None
     assert "from the vehicle" in far

@@ -62,6 +62,13 @@ def test_a_plan_without_room_for_its_reference_is_refused_before_there_is_a_flig
         Pilot(config, *bend())
 
 
+def test_a_horizon_too_short_to_settle_is_refused_and_the_one_that_is_asked_for_is_taken() -> None:
+    short = dataclasses.replace(CONFIG, mpc=dataclasses.replace(CONFIG.mpc, horizon_steps=10, step_s=0.02))
+    with pytest.raises(InputError, match=r"0\.2 s are too short .* give a horizon of 0\.8 s or more"):
+        Pilot(short, *bend())
+    Pilot(dataclasses.replace(CONFIG, mpc=dataclasses.replace(CONFIG.mpc, horizon_steps=8, step_s=0.1)), *bend())
+
+
 def test_a_requested_stop_follows_the_bend_and_ends_at_rest() -> None:
     pilot, last = Pilot(CONFIG, *bend()), None
     flown: list[Setpoint] = []
