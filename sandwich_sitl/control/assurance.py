@@ -49,6 +49,7 @@ class Fault(StrEnum):
     SOLVER = "the solver gave no answer"
     RAISED = "the solver raised an error"
     NOT_FINITE = "the plan is not finite"
+    LATE = "the tick came too late for its plan to end in a stop"
     LIMITS = "the plan passes the motion limits"
     REGION = "the plan leaves its regions"
     OBSTACLE = "an obstacle has appeared on the way"
@@ -146,10 +147,13 @@ def examine(
     if (largest > bounds.limits).any():
         return Fault.LIMITS
     points = states[:, :3] + offset_m
+    off_height = np.abs(points[:, 2] - height_m) - bounds.height_band_m
+    off_region = outside(points, Lambda, Gamma, region, z_m)
+    if np.isnan(off_height).any() or not np.isfinite(off_region).all():
+        return Fault.NOT_FINITE
     tolerance_m = bounds.region_tolerance_m
-    if not comes_back(np.abs(points[:, 2] - height_m) - bounds.height_band_m, tolerance_m):
-        return Fault.REGION
-    return Fault.NONE if comes_back(outside(points, Lambda, Gamma, region, z_m), tolerance_m) else Fault.REGION
+    kept = comes_back(off_height, tolerance_m) and comes_back(off_region, tolerance_m)
+    return Fault.NONE if kept else Fault.REGION
 
 
 def describe(rung: Rung, fault: Fault, error: str = "") -> str:

@@ -3,7 +3,7 @@
     sigma' = rate,    rate' = slope towards 1,    slope = 1.5 m/s^2 / max(v, 0.5 m/s)
 
 A plan that is slowed down to a stop takes the rate down with it; afterwards the rate comes back no faster than the
-slope, so that speeding up costs no more than that acceleration at the speed v flown then.
+slope, so that speeding up costs no more than that acceleration, v being the speed of the reference at rate 1.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ class ReferenceClock:
         self._slope = _PUSH_MPS2 / _SLOWEST_MPS
 
     def advance(self, dt_s: float, speed_mps: float) -> None:
-        """One tick of `dt_s`, commanded to fly at `speed_mps`."""
+        """One tick of `dt_s`, where the reference at rate 1 has `speed_mps`."""
         self._slope = _PUSH_MPS2 / max(speed_mps, _SLOWEST_MPS)
         self.t_s = float(self.ahead(np.array([dt_s]))[0])
         self.rate = min(1.0, self.rate + self._slope * dt_s)

@@ -78,6 +78,14 @@ def stop_along(knots: Array, snap: Array, step_s: float, start_s: float, brake_m
     return StopPlan(knots, snap, step_s, start_s, stop_s)
 
 
+def straight_on(state: Array, brake_mps2: float) -> StopPlan:
+    """The stop of a vehicle at `state` (12,), a = j = 0, that has no plan: along its velocity, at about `brake_mps2`."""
+    stop_s = max(STEEPEST * float(np.linalg.norm(state[3:6])) / brake_mps2, SHORTEST_S)
+    end = state.copy()
+    end[:3] += stop_s / 2 * state[3:6]
+    return StopPlan(np.stack([state, end]), np.zeros((1, 3)), stop_s / 2, 0.0, stop_s)
+
+
 def standing(state: Array, step_s: float) -> StopPlan:
     """The plan of a vehicle that rests at `state` (12,): to stay there."""
     return StopPlan(np.tile(state, (2, 1)), np.zeros((1, 3)), step_s, 0.0, SHORTEST_S)

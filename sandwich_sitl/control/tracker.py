@@ -19,7 +19,7 @@ from sandwich_sitl.control.estimator import VehicleEstimator
 from sandwich_sitl.control.lookup import between
 from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
 from sandwich_sitl.control.reference_clock import ReferenceClock
-from sandwich_sitl.control.stop_plan import StopPlan, standing, stop_along
+from sandwich_sitl.control.stop_plan import SHORTEST_S, StopPlan, standing, stop_along, straight_on
 from sandwich_sitl.planning.flight_plan import Corridor, Reference
 
 Array = NDArray[np.float64]
@@ -110,9 +110,9 @@ class Tracker:
         self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
         if not self.lifting:
-            self.clock.advance(dt, float(np.linalg.norm(self.command[3:6])))
+            self.clock.advance(dt, self._pace_mps())
         seen = self.estimator.measure(t_s, t_s - age_s, r_m, v_mps)
-        solution, stop, fault = self._plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
+        solution, stop, fault = self._try_plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
         rung = self._take(stop, t_s, dt)
         if rung is Rung.BRAKE:
             self.clock.follow(stood_s, 0.0)
@@ -126,6 +126,8 @@ class Tracker:
     def _pick_up(self, t_s: float, gap_s: float, r_m: Array, v_mps: Array) -> None:
         """After a pause of this process: the vehicle went on with its last set-point, so the plan begins with the command
         that it seems to follow now, and the reference where the vehicle has come to along it, as fast as the vehicle is.
+
+        The plan from before the pause leads on from somewhere else: until one is accepted, the vehicle brakes straight on.
         """
         times = self.clock.t_s + np.arange(0.0, gap_s + self._period_s, self._period_s)
         places = self._sample(times)[0]
@@ -137,6 +139,14 @@ class Tracker:
         followed_m = r_m - self.estimator.offset_m + self.estimator.delay_s * v_mps
         self.command = np.concatenate([followed_m, v_mps, np.zeros(6)])
         self.estimator = self.estimator.restarted(t_s, self.command)
+        self._stop, self._stop_began_s = straight_on(self.command, self._brake_mps2), t_s
+        begins_s, rate = self.clock.t_s, self.clock.rate
+        self._stop_sigma = lambda progress: begins_s + rate * progress
+
+    def _pace_mps(self) -> float:
+        """Speed of the reference where it is now, at its own rate 1."""
+        here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0]
+        return float(np.linalg.norm(there - here)) / self._period_s
 
     def _await_lift_off(self, t_s: float, r_m: Array) -> None:
         """Autopilots leave the ground in their own time: the reference goes along with the vehicle until it has.
@@ -177,6 +187,14 @@ class Tracker:
             self._solver_error,
         )  # fmt: skip
 
+    def _try_plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
+        """`_plan`; whatever it raises costs this tick's plan and no more, and the log says what it was."""
+        try:
+            return self._plan(dt)
+        except Exception as error:  # noqa: BLE001 - a broken solver is no reason to fall out of the sky
+            self._solver_error = f"{type(error).__name__}: {error}"
+            return self._mpc.no_solution(), None, Fault.RAISED
+
     def _plan(self, dt: float) -> tuple[MpcSolution, StopPlan | None, Fault]:
         """This tick's own plan from the command in force, with its stop when it stands the examination."""
         if (refused := self._refused()) is not Fault.NONE:
@@ -187,19 +205,13 @@ class Tracker:
         Lambda, Gamma = self._corridor.Lambda[region], self._corridor.Gamma[region]
         moved = Gamma - (Lambda @ offset[:, :2, None])[..., 0]
         band = self._corridor.z_m[region] - offset[:, 2:] if len(self._corridor.z_m) else None
-        try:
-            solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
-        except (
-            ArithmeticError,
-            ValueError,
-            RuntimeError,
-        ) as error:  # a broken solver is no reason to fall out of the sky
-            self._solver_error = f"{type(error).__name__}: {error}"
-            return self._mpc.no_solution(), None, Fault.RAISED
+        solution = self._mpc.solve(self.command, desired - offset, Lambda, moved, band)
         if not solution.usable:
             return solution, None, Fault.SOLVER
         knots = np.concatenate([self.command[None], solution.states])
         stop = stop_along(knots, solution.snap, self._mpc.step_s, dt, self._brake_mps2)
+        if stop.stop_s < SHORTEST_S / 2:
+            return solution, None, Fault.LATE
         times = np.arange(0.0, stop.stop_s + GRID_S, GRID_S)
         desired, along = self._sample(self.clock.ahead(stop.progress(times)[0] + delay))
         aimed_off, corridor = self.estimator.offset_ahead(times + delay), self._corridor
@@ -229,7 +241,8 @@ class Tracker:
         elapsed = np.array([t_s - self._stop_began_s])
         self.command = self._stop.states(elapsed)[0]
         progress, rate = self._stop.progress(elapsed)
-        self.clock.follow(float(self._stop_sigma(progress)[0]), float(rate[0]))
+        now_s, soon_s = self._stop_sigma(progress[0] + np.array([0.0, self._period_s])).tolist()
+        self.clock.follow(now_s, float(rate[0]) * (soon_s - now_s) / self._period_s)
         return Rung.SHIFTED
 
     def _rest_of_stop(self, t_s: float) -> Array:

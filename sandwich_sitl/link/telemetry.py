@@ -6,6 +6,7 @@ arrival in seconds. Output: a frozen view in ENU metres of the world's frame.
 
 import struct
 from collections.abc import Callable, Mapping
+from math import isfinite
 from types import MappingProxyType
 from typing import Any
 
@@ -179,6 +180,9 @@ class Telemetry:
         self._fields["landed"] = _LANDED.get(message.landed_state)
 
     def _local_position(self, message: Any, _now_s: float) -> None:
+        """One that is not finite is none: what was heard before it grows old."""
+        if not all(map(isfinite, (message.x, message.y, message.z, message.vx, message.vy, message.vz))):
+            return
         self._fields.update(
             r_m=position_enu_from_ned(message.x, message.y, message.z, self._origin_m),
             v_mps=enu_from_ned(message.vx, message.vy, message.vz),

@@ -73,7 +73,8 @@ class Pilot:
         self._brake_from_s = 0.0
         self._ground_m: float | None = None
         self._yaw_rad = 0.0
-        self._last: Setpoint | None = None
+        self._asked: Setpoint | None = None  # this tick's set-point
+        self._last: Setpoint | None = None  # the last one that went out
 
     @property
     def ground_m(self) -> float:
@@ -90,7 +91,8 @@ class Pilot:
         return self._tracker is not None and (self._lost or idle_s > STALE_S)
 
     def accepted(self, now_s: float) -> None:
-        """The last set-point went out; it counts as fresh when its plan was usable and the vehicle on its track."""
+        """This tick's set-point went out; it counts as fresh when its plan was usable and the vehicle on its track."""
+        self._last = self._asked or self._last
         if self._fresh:
             self._idle_s, self._last_s = 0.0, now_s
 
@@ -127,6 +129,7 @@ class Pilot:
 
     def steer(self, stream: Stream, now_s: float, view: VehicleView) -> Steering:
         """The set-point that `stream` asks for now."""
+        self._asked = None
         if stream in (Stream.IDLE, Stream.NONE) or view.r_m is None or view.v_mps is None:
             self._tracker = self._brake = None
             self._lost = False
@@ -147,8 +150,8 @@ class Pilot:
         if self._brake is None:
             self._brake = BrakeProfile(*self._moving(r_m, v_mps), self._config.mission.brake_mps2)
             self._brake_from_s = now_s
-        self._last = Setpoint(*self._brake.at(now_s - self._brake_from_s), self._yaw_rad)
-        return self._last
+        self._asked = Setpoint(*self._brake.at(now_s - self._brake_from_s), self._yaw_rad)
+        return self._asked
 
     def _track(self, now_s: float, r_m: Vector, v_mps: Vector, view: VehicleView) -> Steering:
         lift = np.array([0.0, 0.0, self.ground_m])
@@ -184,7 +187,7 @@ class Pilot:
         return last.r_m, last.v_mps
 
     def _answer(self, setpoint: Setpoint, tick: Tick | None = None) -> Steering:
-        self._last = setpoint
+        self._asked = setpoint
         return Steering(setpoint, tick)
 
 

@@ -96,6 +96,12 @@ def test_each_fault_is_found_and_a_good_plan_has_none() -> None:
     broken = straight()
     broken[7, 10] = np.nan
     assert verdict(broken) is Fault.NOT_FINITE
+    for axis in range(3):
+        assert verdict(straight(), np.where(np.arange(3) == axis, np.nan, 0.0)) is Fault.NOT_FINITE
+    for unknown in (np.nan, np.inf, -np.inf):
+        Gamma = np.full_like(corridor.Gamma, unknown)
+        said = examine(straight(), still, np.zeros(60), corridor.Lambda, Gamma, region, BOUNDS)
+        assert said is Fault.NOT_FINITE
     for column, value in ((3, 11.0), (5, 4.0), (7, 11.0), (8, 8.0), (9, 80.0)):
         fast = straight()
         fast[30, column] = value
@@ -195,20 +201,22 @@ def test_a_solver_that_fails_for_good_ends_in_a_stop_inside_the_regions_and_then
 class Raising:
     """A solver that raises in the middle of a flight."""
 
-    def __init__(self, _name: str, horizon: Horizon) -> None:
-        self._solver, self._asked = ActiveSetSolver(horizon), 0
+    def __init__(self, error: Exception, horizon: Horizon) -> None:
+        self._solver, self._error, self._asked = ActiveSetSolver(horizon), error, 0
 
     def solve(self, tick: HorizonTick) -> HorizonAnswer:
         self._asked += 1
         if self._asked > 250:
-            raise ValueError("arrays do not fit")
+            raise self._error
         return self._solver.solve(tick)
 
 
-def test_a_solver_that_raises_is_a_fault_like_any_other_and_its_words_are_kept() -> None:
+@pytest.mark.parametrize("error", [ValueError("arrays do not fit"), IndexError("arrays do not fit"), Exception("no")])
+def test_a_solver_that_raises_is_a_fault_like_any_other_and_its_words_are_kept(error: Exception) -> None:
     reference, corridor = flight()
     config = run_config()
-    tracker = Tracker(config, Mpc(config.mpc, config.mode, FACES, Raising), reference, corridor, reference.xyz_m[0])
+    raising = Mpc(config.mpc, config.mode, FACES, lambda _, horizon: Raising(error, horizon))
+    tracker = Tracker(config, raising, reference, corridor, reference.xyz_m[0])
     state, ticks = np.concatenate([reference.xyz_m[0], np.zeros(9)]), []
     for k in range(500):
         ticks.append(tracker.tick(k * DT, state[:3], state[3:6], 0.0))
@@ -217,7 +225,7 @@ def test_a_solver_that_raises_is_a_fault_like_any_other_and_its_words_are_kept()
     assert {tick.fault for tick in ticks[250:]} == {Fault.RAISED}
     assert ticks[250].rung is Rung.SHIFTED
     assert ticks[-1].rung is Rung.BRAKE
-    assert "ValueError: arrays do not fit" in describe(ticks[250].rung, ticks[250].fault, ticks[250].error)
+    assert f"{type(error).__name__}: {error}" in describe(ticks[250].rung, ticks[250].fault, ticks[250].error)
     assert np.linalg.norm(state[3:6]) < 1e-9
 
 
@@ -235,6 +243,19 @@ def test_a_solver_that_comes_back_is_flown_again_and_the_route_is_finished() -> 
     assert rates[-1] == 1.0
     jumps = states[1:, :3] - states[:-1, :3] - DT * states[:-1, 3:6] - DT**2 / 2 * states[:-1, 6:9]
     assert np.abs(jumps).max() < 1e-4
+
+
+@pytest.mark.parametrize("outage", [60, 80, 95])
+def test_the_first_plan_after_an_outage_is_accepted_however_slow_the_vehicle_has_become(outage: int) -> None:
+    """The stop takes 98 ticks. The reference goes on from rest no faster than a plan can follow it."""
+    ticks, tracker = ladder(lambda k: 250 <= k < 250 + outage, 1100)
+    rungs = np.array([tick.rung for tick in ticks])
+    assert (rungs[250 : 250 + outage] == Rung.SHIFTED).all()
+    assert (rungs[:250] == Rung.PLAN).all()
+    assert (rungs[250 + outage :] == Rung.PLAN).all()
+    assert tracker.finished
+    aside = [np.linalg.norm(tick.setpoint[:3] - tick.desired_m) for tick in ticks]
+    assert max(aside) < 0.3
 
 
 def test_without_any_plan_the_vehicle_stands_still_and_then_brakes() -> None:

@@ -7,13 +7,15 @@ import pytest
 
 from sandwich_sitl.config import TrackingConfig
 from sandwich_sitl.control.assurance import Fault, Rung
+from sandwich_sitl.control.mpc import Mpc
 from sandwich_sitl.control.tracker import Tracker
 from sandwich_sitl.mission.orders import Stream
 from sandwich_sitl.mission.pilot import STALE_S, Pilot
 from sandwich_sitl.mission.vehicle_view import VehicleView
+from sandwich_sitl.planning.corridor import FACES
 from sandwich_sitl.planning.flight_plan import Reference
 
-from .flights import DT, MPC, flight, mpc_of, run_config
+from .flights import DT, MPC, failing_when, flight, mpc_of, run_config
 
 
 def fly(
@@ -198,6 +200,51 @@ def test_after_a_pause_the_plan_begins_where_the_vehicle_has_come_to(pause_s: fl
     assert np.linalg.norm(state[:3] - reference.xyz_m[-1]) < 0.02
 
 
+@pytest.mark.parametrize("cause", ["refused", "stop"])
+def test_after_a_pause_without_a_plan_the_vehicle_brakes_where_it_is(cause: str) -> None:
+    """The plan from before the pause is 0.6 s further on by now; a vehicle that stood meanwhile is not sent after it."""
+    reference, corridor = flight(10.0)
+    config = run_config()
+    broken = failing_when(lambda k: cause == "refused" and 250 <= k < 290)
+    tracker = Tracker(config, Mpc(config.mpc, config.mode, FACES, broken), reference, corridor, reference.xyz_m[0])
+    state = np.concatenate([reference.xyz_m[0], np.zeros(9)])
+    for k in range(250):
+        state = tracker.tick(k * DT, state[:3], state[3:6], 0.0).setpoint
+    tracker.stops = cause == "stop"
+    before, t = state, 249 * DT + 0.6
+    assert np.linalg.norm(before[3:6]) > 2.0
+    v = 0.2 * before[3:6]
+    places = []
+    for k in range(40):
+        tick = tracker.tick(t + k * DT, state[:3], v if k == 0 else state[3:6], 0.0)
+        assert tick.rung is Rung.SHIFTED
+        state = tick.setpoint
+        places.append(state[:3])
+    steps = np.linalg.norm(np.diff(np.array([before[:3], *places]), axis=0), axis=1)
+    assert steps.max() < 1.01 * np.linalg.norm(v) * DT + 0.12 * np.linalg.norm(v)  # the delay that it is flown ahead of
+    assert np.linalg.norm(places[-1] - before[:3]) < np.linalg.norm(v) * (0.4 + 0.12)
+    tick = tracker.tick(t + 40 * DT, state[:3], state[3:6], 0.0)
+    assert tick.rung is (Rung.PLAN if cause == "refused" else Rung.SHIFTED)
+    assert np.linalg.norm(tick.desired_m - state[:3]) < 0.5
+
+
+def test_a_tick_too_late_for_its_plan_to_end_in_a_stop_flies_on_by_the_last_one() -> None:
+    """18 steps of 10 ms are over before a tick that comes 0.18 s late."""
+    reference, corridor = flight(20.0)
+    limits = {"speed_mps": 60.0, "acceleration_mps2": 60.0, "jerk_mps3": 5e3, "snap_mps4": 5e5, "tilt_deg": 60.0}
+    mpc = dataclasses.replace(MPC, horizon_steps=30, step_s=0.01, bandwidth_radps=40.0, **limits)
+    config = run_config(mpc=mpc)
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state = np.concatenate([reference.xyz_m[0], np.zeros(9)])
+    for k in range(300):
+        tick = tracker.tick(k * DT, state[:3], state[3:6], 0.0)
+        state = tick.setpoint
+        assert tick.rung is Rung.PLAN
+    tick = tracker.tick(299 * DT + 0.18, state[:3], state[3:6], 0.0)
+    assert (tick.rung, tick.fault) == (Rung.SHIFTED, Fault.LATE)
+    assert np.linalg.norm(tick.setpoint[:3] - state[:3]) < 0.18 * np.linalg.norm(state[3:6])
+
+
 def climb_and_go() -> Reference:
     """Six seconds of climb over the start, then the flight."""
     route, _ = flight()
@@ -291,6 +338,7 @@ def test_pilot_streams_nothing_until_asked_and_nothing_blindly() -> None:
 def test_pilot_holds_the_first_pose_and_yaw() -> None:
     pilot, home = lifted_flight()
     first = pilot.steer(Stream.POSE, 0.0, view_of(home, np.zeros(3), 0.0)).setpoint
+    pilot.accepted(0.0)
     second = pilot.steer(Stream.POSE, 0.1, view_of(home + 0.05, np.zeros(3), 0.1)).setpoint
     assert first is not None
     assert second is not None
@@ -312,7 +360,8 @@ def test_pilot_setpoints_are_continuous_from_pose_over_track_to_brake() -> None:
         assert steering.setpoint is not None
         assert steering.setpoint.r_m is not None
         assert steering.setpoint.v_mps is not None
-        assert (steering.tick is not None) == (stream is Stream.TRACK)
+        pilot.accepted(now)
+        assert steering.tick is not None or stream is not Stream.TRACK
         r, v = steering.setpoint.r_m, steering.setpoint.v_mps
         positions.append(r)
         velocities.append(v)
@@ -323,9 +372,29 @@ def test_pilot_setpoints_are_continuous_from_pose_over_track_to_brake() -> None:
     assert speeds[200:320].max() > 1.0
     assert (steps <= np.maximum(speeds[:-1], speeds[1:]) * DT + 1e-3).all()
     changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1)
-    assert changes.max() <= 3.0 * DT + 1e-9  # brake_mps2
+    assert changes.max() <= (3.0 + MPC.acceleration_mps2) * DT + 1e-9  # brake_mps2 beside what the plan does
     assert speeds[-20:].max() == 0.0
     assert not pilot.plan_stale(now)
+
+
+def test_braking_starts_from_the_last_set_point_that_went_out() -> None:
+    """What the fence has refused, whatever it was, was never asked of the vehicle."""
+    reference, corridor = flight()
+    climb = Reference(reference.t_s, reference.xyz_m - (0.0, 0.0, 10.0), reference.region)
+    pilot = Pilot(run_config(), climb, corridor)
+    r, v = np.array([0.0, 0.0, GROUND_M]), np.zeros(3)
+    for k in range(300):
+        setpoint = pilot.steer(Stream.POSE if k < 20 else Stream.TRACK, k * DT, view_of(r, v, k * DT)).setpoint
+        assert setpoint is not None
+        if k < 250:
+            pilot.accepted(k * DT)
+            r, v = setpoint.r_m, setpoint.v_mps
+    assert pilot.plan_stale(300 * DT)
+    braking = pilot.steer(Stream.BRAKE, 300 * DT, view_of(r, v, 300 * DT)).setpoint
+    assert braking is not None
+    np.testing.assert_allclose(braking.r_m, r, atol=1e-9)
+    np.testing.assert_allclose(braking.v_mps, v, atol=1e-9)
+    assert np.linalg.norm(v) > 1.0
 
 
 @pytest.mark.parametrize("cause", ["refused", "astray"])

@@ -155,6 +155,18 @@ def test_telemetry_becomes_a_view() -> None:
     assert view.q_wxyz == pytest.approx([0.5**0.5, 0.0, 0.0, 0.5**0.5])
 
 
+@pytest.mark.parametrize("place", range(6))
+@pytest.mark.parametrize("value", [nan, inf])
+def test_a_position_that_is_no_number_is_not_taken_in(place: int, value: float) -> None:
+    vehicle = Vehicle()
+    vehicle.say(vehicle.mav.local_position_ned_encode(12340, 3.0, 1.0, -2.0, 0.0, 4.0, 1.0))
+    broken = [value if k == place else 1.0 for k in range(6)]
+    vehicle.say(vehicle.mav.local_position_ned_encode(12360, *broken))
+    view = vehicle.view
+    assert (view.r_m.tolist(), view.v_mps.tolist()) == ([11.0, 23.0, 2.0], [4.0, 0.0, -1.0])
+    assert view.position_time_s == 12.34
+
+
 def test_what_the_autopilot_says_of_its_accuracy_stands_until_it_says_better() -> None:
     vehicle = Vehicle()
 
