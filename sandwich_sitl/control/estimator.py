@@ -3,8 +3,10 @@
 The autopilot's own loops make the vehicle follow its set-points c after a delay tau, up to an error e that wind, drag
 and model errors leave:  r(t) = c(t - tau) + e(t).  Error and delay are estimated:
 
-    error    e+ = A e + L ([r, v] - c(t - tau) - [e_r, e_v]),   e = [e_r, e_v, e_a, e_j]:  L is the steady Kalman gain of
-             the integrator chain driven by white snap, with poles near w. The vehicle's r, v, a, j are c(t - tau) + e
+    error    e- = A e,  e+ = e- + L ([r, v] - c(t - tau) - [e-_r, e-_v]),   e = [e_r, e_v, e_a, e_j]:  A is the integrator
+             chain over the time since the last measurement and L the steady Kalman gain, for measurements that far
+             apart, of that chain driven by white snap. (I - L C) A has its poles near w however far apart they come.
+             The vehicle's r, v, a, j are c(t - tau) + e
     delay    tau' = -kappa (v - c'(t - tau)) . a / (1 + a . a)    a late vehicle is slow while it speeds up; a steady
              error has no velocity, so wind is not mistaken for delay. Horizontal axes, 0 <= tau <= 0.3 s
 
@@ -12,11 +14,17 @@ What is aimed off is the error to come,  o(t) = e_r + T (1 - exp(-t / T)) e_v:  
 moves on, until the autopilot stops it after about T. Without e_v the correction comes after the error; e_a and e_j
 carry e_v over the gust without lag and say nothing more about the time after T, so they end here and in the log.
 
+Telemetry comes at its own rate, so A and L are tabulated by ticks. An error is carried as it moves from one measurement
+to the next where that is how they usually come; after a gap only its place is believed.
+
 A measurement is compared with the command at its own time stamp. Nothing here writes into the command: a jump of the
 estimate moves the controller's aim at the rate w, and the command follows as smoothly as the plant model does. For the
 same reason the plan starts from the command and not from the vehicle's estimated motion, which carries the noise of
 its sensors into every derivative.
 """
+
+from functools import lru_cache
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,21 +40,39 @@ STALE_S = 0.5  # age at which a measurement says nothing any more
 _MOST_DELAY_S = 0.3
 _FIRST_DELAY_S = 0.06  # a multicopter's attitude loop, until its delay has been seen
 _DRIFT_S = 0.12  # T
-_GAP_S = 0.1  # without measurements for longer, only the place of the error is still believed
+_GAP_S = 0.1  # a pause in the measurements no longer than this is no gap,
+_GAP_RATIO = 1.5  # nor one no longer than this many times the one before:
+_CARRIED_S = 0.25  # but after a longer one only the place of the error is believed, however usual it is
+_FASTEST_RAD = 3.0  # from one measurement to the next: a filter told to be faster rings with their period
 _DELAY_GAIN = 0.5  # kappa
-_KEPT = 128  # commands remembered
 
 
-def kalman_gain(period_s: float, bandwidth_radps: float) -> Array:
-    """L (4, 2) for measured r and v of one axis; the weights make the poles those of radius `bandwidth_radps`."""
-    model = quadruple_integrator(period_s, "zoh")
+def kalman_gain(interval_s: float, bandwidth_radps: float) -> Array:
+    """L (4, 2) for r and v of one axis, measured every `interval_s`; (I - L C) A has poles of radius `bandwidth_radps`.
+
+    Both white densities are held, w^8 of the snap and 1 of the noise of r (w^2 of v), so that the poles stay where they
+    are for any interval: snap held for T has the variance w^8 / T, a measurement every T the variance 1 / T, and their
+    common factor 1 / T is left out. Poles faster than `_FASTEST_RAD` an interval are not to be had.
+    """
+    model = quadruple_integrator(interval_s, "zoh")
     A, B = model.A_p[::3, ::3], model.B_p[::3, :1]
     C = np.eye(4)[:2]
-    w = bandwidth_radps
-    drive = B @ B.T * (w**8 / period_s**2) * period_s**2
+    w = min(bandwidth_radps, _FASTEST_RAD / interval_s)
     noise = np.diag([1.0, w**2])
-    P = solve_discrete_are(A.T, C.T, drive + 1e-12 * np.eye(4), noise)
-    return np.asarray(A @ P @ C.T @ np.linalg.inv(C @ P @ C.T + noise))
+    P = solve_discrete_are(A.T, C.T, B @ B.T * w**8 + 1e-12 * np.eye(4), noise)
+    return np.asarray(P @ C.T @ np.linalg.inv(C @ P @ C.T + noise))
+
+
+@lru_cache(maxsize=8)
+def steps_of(period_s: float, bandwidth_radps: float) -> tuple[tuple[Array, Array], ...]:
+    """A (4, 4) and L (4, 2) for a measurement 1, 2, ... ticks of `period_s` after the last one, to `_CARRIED_S` or one.
+
+    Remembered, because a vehicle in flight does not wait for the estimate of a second start.
+    """
+    intervals_s = [m * period_s for m in range(1, max(1, round(_CARRIED_S / period_s)) + 1)]
+    return tuple(
+        (quadruple_integrator(dt, "zoh").A_p[::3, ::3], kalman_gain(dt, bandwidth_radps)) for dt in intervals_s
+    )
 
 
 class VehicleEstimator:
@@ -58,13 +84,13 @@ class VehicleEstimator:
         """Starts with `state` (12,) as the command that has been in force up to `t_s`."""
         self._config, self._period_s = config, period_s
         self.delay_s = _FIRST_DELAY_S if config.delay_s is None else config.delay_s
-        self._chain = quadruple_integrator(period_s, "zoh").A_p[::3, ::3]
-        self._gain = kalman_gain(period_s, config.motion_radps)
+        self._steps = steps_of(period_s, config.motion_radps)
         self._error = np.zeros((4, 3))
-        self._times = np.full(_KEPT, t_s)
-        self._states = np.tile(state, (_KEPT, 1))
+        self._kept = ceil((STALE_S + _MOST_DELAY_S) / period_s) + 2  # commands that can still be asked for
+        self._times = np.full(self._kept, t_s)
+        self._states = np.tile(state, (self._kept, 1))
         self._newest = 0
-        self._measured_s = -np.inf
+        self._measured_s, self._usual_s = -np.inf, period_s
         self.motion = state.copy()
 
     def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
@@ -74,8 +100,8 @@ class VehicleEstimator:
         fresh = VehicleEstimator(self._config, self._period_s, t_s, state)
         fresh.delay_s = self.delay_s
         fresh._error[0] = self._error[0]
-        ago_s = self._period_s * np.arange(_KEPT)[::-1]
-        fresh._times, fresh._newest = t_s - ago_s, _KEPT - 1
+        ago_s = self._period_s * np.arange(self._kept)[::-1]
+        fresh._times, fresh._newest = t_s - ago_s, self._kept - 1
         fresh._states[:, :3] -= ago_s[:, None] * state[3:6]
         return fresh
 
@@ -90,7 +116,7 @@ class VehicleEstimator:
 
     def commanded(self, t_s: float, state: Array) -> None:
         """Remember what was sent: `state` (12,) at `t_s`."""
-        self._newest = (self._newest + 1) % _KEPT
+        self._newest = (self._newest + 1) % self._kept
         self._times[self._newest], self._states[self._newest] = t_s, state
 
     def command_at(self, t_s: float) -> Array:
@@ -111,18 +137,20 @@ class VehicleEstimator:
         command = self.command_at(measured_s - self.delay_s)
         error = np.stack([r_m, v_mps]) - command[:6].reshape(2, 3)
         self._learn_delay(error[1, :2], command[6:8], dt)
-        self._carry(dt)
-        self._error = self._error + self._gain @ (error - self._error[:2])
+        self._correct(error, dt)
         self.motion = command + self._error.ravel()
         return True
 
-    def _carry(self, dt: float) -> None:
-        """The error from the last measurement to this one."""
-        if dt > _GAP_S:
+    def _correct(self, measured: Array, dt: float) -> None:
+        """The error, by what was `measured` (2, 3) of it, r and v, `dt` seconds after the last time."""
+        ticks = max(1, round(dt / self._period_s))
+        chain, gain = self._steps[min(ticks, len(self._steps)) - 1]
+        if ticks > len(self._steps) or dt > max(_GAP_S, _GAP_RATIO * self._usual_s):
             self._error[1:] = 0.0
-            return
-        for _ in range(max(1, round(dt / self._period_s))):
-            self._error = self._chain @ self._error
+        else:
+            self._error = chain @ self._error
+        self._error = self._error + gain @ (measured - self._error[:2])
+        self._usual_s = dt
 
     def _learn_delay(self, slow_mps: Array, a_mps2: Array, dt: float) -> None:
         if self._config.delay_s is not None:
