@@ -179,6 +179,7 @@ def offboard(config: RunConfig, plan: FlightPlan, log_path: Path, progress: Prog
                 "late_ticks": str(result.link.late_ticks),
                 "worst_late_s": f"{result.link.worst_late_s:.4f}",
                 "retries": str(result.link.retries),
+                "refused": str(result.link.refused),
             },
         )
         if recorder.problem is not None:

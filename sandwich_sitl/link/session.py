@@ -38,7 +38,7 @@ _SLOW_US = {
 @dataclass(frozen=True)
 class LinkStatistics:
     """Frames sent to and received from the vehicle, frames missing in its sequence; ticks that began more than half a period
-    late and the worst lateness (wall seconds), lockstep datagrams that were sent again.
+    late and the worst lateness (wall seconds), lockstep datagrams that were sent again, setpoints that the fence refused.
     """
 
     sent: int
@@ -47,6 +47,7 @@ class LinkStatistics:
     late_ticks: int
     worst_late_s: float
     retries: int
+    refused: int
 
 
 def check_link(link: LinkConfig, clock: ClockConfig) -> None:
@@ -114,6 +115,7 @@ class LinkSession:
         self._previous: Setpoint | None = None
         self._previous_s = 0.0
         self._sent = 0
+        self._refused = 0
 
     def __enter__(self) -> Self:
         return self
@@ -162,6 +164,7 @@ class LinkSession:
             lateness.late_ticks,
             lateness.worst_late_s,
             lateness.retries,
+            self._refused,
         )
 
     @property
@@ -178,6 +181,7 @@ class LinkSession:
         reason = self._object(setpoint)
         if reason is not None:
             setpoint = None
+            self._refused += 1
         now_s, boot = self._now_s, boot_ms(self._now_s)
         frames = self._outbox.order(commands)
         self._outbox.answered(self._inbox.telemetry.take_interval_acks(), self._view.parameters)

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Rung
-from sandwich_sitl.control.horizon import INSCRIBED, Horizon, HorizonSolver
-from sandwich_sitl.control.mpc import Mpc, motion_limits
+from sandwich_sitl.control.horizon import Horizon, HorizonSolver
+from sandwich_sitl.control.mpc import Mpc
 from sandwich_sitl.control.solvers.registry import solver_for_flight
 from sandwich_sitl.control.tracker import Tick, Tracker, rehearse
-from sandwich_sitl.errors import InputError
 from sandwich_sitl.mission.brake import BrakeProfile
 from sandwich_sitl.mission.orders import Stream
 from sandwich_sitl.mission.rerouting import Whereabouts
+from sandwich_sitl.mission.room import check_room
 from sandwich_sitl.mission.setpoint import Setpoint
 from sandwich_sitl.mission.vehicle_view import VehicleView
 from sandwich_sitl.planning.flight_plan import Corridor, Reference
@@ -32,7 +32,6 @@ Vector = NDArray[np.float64]
 STALE_S = 0.3  # age at which the last usable plan must not be sent on as if it were fresh
 _LATEST_S = 0.1
 _SETTLED_MPS = 0.3
-_LONG_ENOUGH = 6.0  # horizon times bandwidth with which plans settle at every rate
 
 
 @dataclass(frozen=True)
@@ -55,12 +54,11 @@ class Pilot:
     ) -> None:
         """Everything that takes time to build, the controller above all, is built here, before there is a flight.
 
-        Raises `InputError` when the plan's limits leave less than the reference asks for, or the horizon is too short.
+        Raises `InputError` when the configuration leaves the plans no room (`room`).
         """
-        _check_room(config)
         self._config, self._reference, self._corridor = config, reference, corridor
         self._mpc = Mpc(config.mpc, config.mode, corridor.Gamma.shape[1], make_solver)
-        _check_settling(config, self._mpc)
+        check_room(config, self._mpc)
         rehearse(self._mpc, config, reference, corridor)
         self._tracker: Tracker | None = None
         self._track_from_s = 0.0
@@ -189,49 +187,6 @@ class Pilot:
     def _answer(self, setpoint: Setpoint, tick: Tick | None = None) -> Steering:
         self._asked = setpoint
         return Steering(setpoint, tick)
-
-
-def _check_room(config: RunConfig) -> None:
-    """A plan that may not do what its reference does falls behind and is given up in flight; so it is not taken up.
-
-    Across, the plan keeps within a polygon inside the limit's circle.
-    """
-    if config.mode == "paper":
-        return
-    planner, tilted = config.planner, "acceleration_mps2 (with mpc.tilt_deg)"
-    pairs = [
-        ("speed_mps", INSCRIBED * config.mpc.speed_mps, "speed_mps", planner.speed_mps),
-        (
-            tilted,
-            INSCRIBED * motion_limits(config.mpc).acceleration_mps2,
-            "acceleration_mps2",
-            planner.acceleration_mps2,
-        ),
-    ]
-    if planner.floors_m:
-        pairs += [
-            ("climb_mps", config.mpc.climb_mps, "climb_mps", planner.climb_mps),
-            ("climb_mps", config.mpc.climb_mps, "descent_mps", planner.descent_mps),
-        ]
-    for key, plan, slower, reference in pairs:
-        if plan < reference:
-            raise InputError(
-                f"mpc.{key}: leaves the plan {plan:.3g} in every direction, less than planner.{slower} {reference:g}, so "
-                "it could not follow its own reference; raise the one or lower the other"
-            )
-
-
-def _check_settling(config: RunConfig, mpc: Mpc) -> None:
-    """Plans over a horizon that is short for their bandwidth do not come to rest at its end, and overshoot ever more."""
-    if config.mode == "paper":
-        return
-    radius = max(horizon.settling(1.0 / config.mpc.rate_hz) for horizon in (mpc.plane, mpc.height))
-    if radius >= 1.0:
-        raise InputError(
-            f"mpc.horizon_steps x mpc.step_s: {mpc.n_tau * mpc.step_s:.3g} s are too short for mpc.bandwidth_radps "
-            f"{config.mpc.bandwidth_radps:g} at mpc.rate_hz {config.mpc.rate_hz:g}: from tick to tick the plans would run away "
-            f"from their reference; give a horizon of {_LONG_ENOUGH / config.mpc.bandwidth_radps:.1f} s or more"
-        )
 
 
 def _yaw(view: VehicleView) -> float:

@@ -214,8 +214,15 @@ def _mpc_section(log: RunLog) -> Section:
 
 
 def _link_section(log: RunLog) -> Section:
+    """Frames, and `refused`: set-points that the fence kept from being sent."""
     received = log.frames_of("/mavlink/rx")
-    return {"sent": len(log.frames_of("/mavlink/tx")), "received": len(received), "lost": lost_frames(received)}
+    refused = log.metadata.get("result", {}).get("refused")
+    return {
+        "sent": len(log.frames_of("/mavlink/tx")),
+        "received": len(received),
+        "lost": lost_frames(received),
+        "refused": int(refused) if refused is not None else None,
+    }
 
 
 def lost_frames(frames: tuple[Frame, ...]) -> int:

@@ -22,7 +22,7 @@ SUMMARY_KEYS = {
         "wall_seconds", "realtime_factor",
     },
     "mpc": {"ticks", "solve_ms", "loop_ms", "infeasible", "deadline_misses", "max_slack_m"},
-    "link": {"sent", "received", "lost"},
+    "link": {"sent", "received", "lost", "refused"},
 }  # fmt: skip
 
 
@@ -52,6 +52,7 @@ def test_the_vehicle_landed_at_the_goal_close_to_the_reference_and_clear_of_the_
     assert summary["flight"]["min_clearance_m"] >= 0.4
     assert summary["mpc"]["infeasible"] == 0
     assert summary["link"]["lost"] == 0
+    assert summary["link"]["refused"] == 0
     log = RunLog.read(flown / "run.mcap")
     assert np.hypot(*(log.truth.r_m[-1, :2] - (35, 12))) < 0.5
     assert abs(log.truth.r_m[-1, 2]) < 0.1

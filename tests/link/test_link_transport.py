@@ -4,16 +4,20 @@ import socket
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_autopilot import free_port
 
 from sandwich_sitl.config import ClockConfig, LinkConfig
 from sandwich_sitl.errors import InputError, LinkError
+from sandwich_sitl.link.guard import Fence
 from sandwich_sitl.link.session import LinkSession
 from sandwich_sitl.link.transport import check_openable, open_transport
 from sandwich_sitl.link_uri import Uri, parse_uri
+from sandwich_sitl.mission.setpoint import Setpoint
 
 HOST = "127.0.0.1"
+_SETPOINT = 84  # SET_POSITION_TARGET_LOCAL_NED
 
 
 @pytest.mark.parametrize(
@@ -136,6 +140,21 @@ def test_no_vehicle_announces_itself() -> None:
     with LinkSession(*arguments, stop_requested=lambda: True) as session:
         assert session.next_tick() == 0.0
         assert not session.view.heard
+
+
+def test_set_points_that_the_fence_refuses_are_counted_and_not_sent() -> None:
+    link, frames = LinkConfig(uri=f"udpin://{HOST}:{free_port()}"), list[bytes]()
+    with LinkSession(
+        link, ClockConfig(mode="realtime"), 0.01, (0.0, 0.0), lambda _t, _way, frame: frames.append(frame),
+        fence=Fence((0.0, 0.0, 10.0, 10.0), (0.0, 5.0)),
+    ) as session:  # fmt: skip
+        for x_m in (1.0, 11.0, 12.0, 1.0):
+            session.next_tick()
+            reason = session.send(Setpoint(np.array([x_m, 1.0, 2.0]), np.zeros(3), None, 0.0), [])
+            assert (reason is not None) == (x_m > 10.0)
+        assert session.statistics.refused == 2
+    sent = [frame for frame in frames if int.from_bytes(frame[7:10], "little") == _SETPOINT]
+    assert len(sent) == 2
 
 
 def test_realtime_ticks_keep_an_absolute_schedule() -> None:

@@ -31,7 +31,7 @@ def test_keys_are_complete_and_json(run_log: RunLog) -> None:
     }  # fmt: skip
     assert set(summary["mpc"]) == {"ticks", "solve_ms", "loop_ms", "infeasible", "deadline_misses", "max_slack_m"}
     assert set(summary["mpc"]["solve_ms"]) == {"p50", "p99", "max"}
-    assert set(summary["link"]) == {"sent", "received", "lost"}
+    assert set(summary["link"]) == {"sent", "received", "lost", "refused"}
 
 
 def test_head_map_and_route(run_log: RunLog) -> None:
@@ -78,7 +78,14 @@ def test_mpc_and_link(run_log: RunLog) -> None:
     assert mpc["solve_ms"] == pytest.approx({"p50": 76.0, "p99": 149.5, "max": 151.0})
     assert mpc["loop_ms"] == pytest.approx({"p50": 152.0, "p99": 299.0, "max": 302.0})
     assert mpc["max_slack_m"] == pytest.approx(0.119)
-    assert summary["link"] == {"sent": 151, "received": 151, "lost": 3}
+    assert summary["link"] == {"sent": 151, "received": 151, "lost": 3, "refused": None}
+
+
+def test_set_points_that_the_fence_refused_are_shown_where_the_log_counts_them(run_log: RunLog) -> None:
+    result = {**run_log.metadata["result"], "refused": "4"}
+    summary = summarise(dataclasses.replace(run_log, metadata={**run_log.metadata, "result": result}))
+    assert summary["link"]["refused"] == 4
+    assert "lost 3, refused 4" in format_summary(summary)
 
 
 def test_a_sine_error_has_its_rms_and_peak(run_log: RunLog) -> None:
