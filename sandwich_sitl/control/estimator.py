@@ -90,7 +90,7 @@ class VehicleEstimator:
         self._times = np.full(self._kept, t_s)
         self._states = np.tile(state, (self._kept, 1))
         self._newest = 0
-        self._measured_s, self._usual_s = -np.inf, period_s
+        self._measured_s, self._last_dt_s = -np.inf, period_s
         self.motion = state.copy()
 
     def restarted(self, t_s: float, state: Array) -> "VehicleEstimator":
@@ -142,15 +142,19 @@ class VehicleEstimator:
         return True
 
     def _correct(self, measured: Array, dt: float) -> None:
-        """The error, by what was `measured` (2, 3) of it, r and v, `dt` seconds after the last time."""
-        ticks = max(1, round(dt / self._period_s))
+        """The error, by what was `measured` (2, 3) of it, r and v, `dt` seconds after the last time.
+
+        What comes after a gap weighs no more than what came before it: one late measurement does not move the aim.
+        """
+        is_gap = dt > max(_GAP_S, _GAP_RATIO * self._last_dt_s) or round(dt / self._period_s) > len(self._steps)
+        ticks = max(1, round((self._last_dt_s if is_gap else dt) / self._period_s))
         chain, gain = self._steps[min(ticks, len(self._steps)) - 1]
-        if ticks > len(self._steps) or dt > max(_GAP_S, _GAP_RATIO * self._usual_s):
+        if is_gap:
             self._error[1:] = 0.0
         else:
             self._error = chain @ self._error
         self._error = self._error + gain @ (measured - self._error[:2])
-        self._usual_s = dt
+        self._last_dt_s = dt
 
     def _learn_delay(self, slow_mps: Array, a_mps2: Array, dt: float) -> None:
         if self._config.delay_s is not None:
