@@ -123,7 +123,7 @@ class _Loop:
             period_s,
             self._config.start_m,
             lambda t_s, direction, frame: self._frames.append((t_s, direction, frame)),
-            fence=fence_around(self._plan.bounds_m, float(self._plan.reference.xyz_m[:, 2].max())),
+            fence=fence_around(self._plan.bounds_m, float(self._plan.reference.xyz_m[:, 2].max()), self._config.mpc),
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,
         )

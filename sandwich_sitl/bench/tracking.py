@@ -34,7 +34,8 @@ _PERFECT = {
 }
 _FAST = {"planner.speed_mps": 6.0, "planner.acceleration_mps2": 4.0}
 _GUSTS = {"vehicle.wind.mean_enu_mps": [5.0, 0.0, 0.0], "vehicle.wind.gust_std_mps": [1.5, 1.5, 0.7]}
-# A fifth heavier, motors half as quick again, twice the drag: the autopilot's gains and the controller stay as they are.
+# A fifth heavier, motors slower by half (0.02 -> 0.03 s), three times the drag (0.02 -> 0.06): the autopilot's gains and
+# the controller stay as they are.
 _OTHER_VEHICLE = {
     "vehicle.airframe.mass_kg": 2.4,
     "vehicle.airframe.motor_time_constant_s": 0.03,

@@ -5,8 +5,7 @@ The ladder, top rung first:
     PLAN      the tick's own plan, accepted by `examine`: finite, within limits, inside its regions on a dense time grid,
               at rest at its end
     SHIFTED   the last accepted plan, shifted to now: it slows down along its path and ends at rest (`stop_plan`)
-    BRAKE     no accepted plan to go on with, or it has been flown to its end: straight deceleration (mission)
-    HOLD      at rest (mission)
+    BRAKE     no accepted plan to go on with, or it has been flown to its end: straight deceleration, then at rest (mission)
 
 A region, and the band of height round the reference, count as kept when no point lies further outside than
 `region_tolerance_m`. A vehicle that wind or an estimate that jumps has put outside may come back: its motion gets no
@@ -38,7 +37,6 @@ class Rung(IntEnum):
     PLAN = 0
     SHIFTED = 1
     BRAKE = 2
-    HOLD = 3
 
 
 class Fault(StrEnum):

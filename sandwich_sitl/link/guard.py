@@ -6,14 +6,17 @@ nothing better. After a pause the vehicle is somewhere else, so what counts betw
 """
 
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sandwich_sitl.config import MpcConfig
 from sandwich_sitl.mission.setpoint import Setpoint
 
 Vector = NDArray[np.float64]
+
+_BEYOND = 1.25  # of its soft limits, as far as a plan is accepted (`control.tracker`)
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,8 @@ class Fence:
     """Limits of what may be asked of the vehicle.
 
     `bounds_m` is x_min, y_min, x_max, y_max and `z_m` lowest and highest altitude; `step_mps` how far two setpoints that
-    follow each other may lie apart for each second between them, `reach_m` how far a setpoint may lie from the vehicle.
+    follow each other may lie apart for each second between them, `least_step_m` how far in any case: the push-off from the
+    ground asks for 0.2 m at once, at every rate. `reach_m` is how far a setpoint may lie from the vehicle.
     """
 
     bounds_m: tuple[float, float, float, float]
@@ -29,14 +33,20 @@ class Fence:
     speed_mps: float = 20.0
     acceleration_mps2: float = 20.0
     step_mps: float = 30.0
+    least_step_m: float = 0.3
     reach_m: float = 10.0
 
 
-def fence_around(bounds_m: tuple[float, float, float, float], altitude_m: float, slack_m: float = 5.0) -> Fence:
-    """World bounds and flight altitude with `slack_m` on every side; steps as fast as the speed limit, and a half more."""
+def fence_around(
+    bounds_m: tuple[float, float, float, float], altitude_m: float, mpc: MpcConfig, slack_m: float = 5.0
+) -> Fence:
+    """World bounds and flight altitude with `slack_m` on every side; at least as fast as plans may be, and steps as fast as
+    that and a half more.
+    """
     x_min, y_min, x_max, y_max = bounds_m
     widened = (x_min - slack_m, y_min - slack_m, x_max + slack_m, y_max + slack_m)
-    return Fence(widened, (-slack_m, altitude_m + slack_m), step_mps=1.5 * Fence.speed_mps)
+    speed_mps = max(Fence.speed_mps, _BEYOND * hypot(mpc.speed_mps, mpc.climb_mps))
+    return Fence(widened, (-slack_m, altitude_m + slack_m), speed_mps, step_mps=1.5 * speed_mps)
 
 
 def objection(
@@ -54,7 +64,9 @@ def objection(
     if setpoint.r_m is None:
         return None
     before_m = None if previous is None else previous.r_m
-    return _position_objection(setpoint.r_m, before_m, fence.step_mps * since_s, measured_m, fence)
+    return _position_objection(
+        setpoint.r_m, before_m, max(fence.step_mps * since_s, fence.least_step_m), measured_m, fence
+    )
 
 
 def _position_objection(

@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from sandwich_sitl.config import MpcConfig, PlannerConfig, RunConfig, WorldConfig
+from sandwich_sitl.control.tracker import _bounds
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import Fence, fence_around, objection
 from sandwich_sitl.link.inbox import Inbox
@@ -275,7 +277,7 @@ def test_mode_changes_are_sent_once_and_never_repeated_by_the_link() -> None:
 
 
 PERIOD_S = 0.02
-FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0)
+FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, MpcConfig())
 INSIDE = np.array((10.0, 10.0, 5.0))
 NEXT = np.array((10.7, 10.0, 5.0))
 FAR = np.array((21.0, 10.0, 5.0))
@@ -307,6 +309,32 @@ def test_the_fence_bounds_a_speed_so_that_after_a_pause_the_next_setpoint_may_li
     """0.7 m at 30 m/s take 0.02333 s."""
     reason = objection(Setpoint(NEXT, None, None, 0.0), Setpoint(INSIDE, None, None, 0.0), since_s, INSIDE, FENCE)
     assert (reason is not None) == refused
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 250.0, 500.0])
+@pytest.mark.parametrize(("height_m", "refused"), [(0.2, False), (0.65, True)])
+def test_the_push_off_passes_the_fence_at_every_rate_and_no_leap_does(
+    rate_hz: float, height_m: float, refused: bool
+) -> None:
+    up = Setpoint(INSIDE + np.array((0.0, 0.0, height_m)), np.array((0.0, 0.0, 0.5)), None, 0.0)
+    reason = objection(up, Setpoint(INSIDE, None, None, 0.0), 1.0 / rate_hz, INSIDE, FENCE)
+    assert (reason is not None) == refused
+
+
+@pytest.mark.parametrize("speed_mps", [12.0, 33.0])
+def test_the_fence_lets_everything_pass_that_a_plan_may_do(speed_mps: float) -> None:
+    """A plan is accepted up to its bounds across and along z at once; in a period it goes no further than that."""
+    config = RunConfig(
+        world=WorldConfig(bounds_m=(0, 0, 50, 40)), start_m=(0, 0), goal_m=(20, 0), altitude_m=10,
+        planner=PlannerConfig(vehicle_radius_m=0.4, margin_m=0.6), mpc=MpcConfig(speed_mps=speed_mps),
+    )  # fmt: skip
+    across, climb = _bounds(config).limits[:2]
+    v_mps = np.array((across, 0.0, climb))
+    fence = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, config.mpc)
+    on = Setpoint(INSIDE + PERIOD_S * v_mps, v_mps, None, 0.0)
+    assert objection(on, Setpoint(INSIDE, v_mps, None, 0.0), PERIOD_S, INSIDE, fence) is None
+    faster = Setpoint(INSIDE, 1.01 * max(20.0, np.hypot(across, climb)) * np.array((1.0, 0.0, 0.0)), None, 0.0)
+    assert objection(faster, None, PERIOD_S, INSIDE, fence) is not None
 
 
 def test_fence_keeps_setpoints_near_the_vehicle() -> None:
