@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _PAUSE_S = 0.2  # a tick that comes later than this, and than two periods, finds the vehicle somewhere else
-_LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
+LIFT_M, _LIFT_MPS = 0.2, 0.5  # autopilots take a take-off for one when it has come so high or so fast
 _LIFT_S = 5.0
 _BEYOND = 1.25  # of a limit: limits are soft in the problem, and a stop brakes beside what its plan does
 _LEFT_M = 1e-3  # a reference this far from its start over ground has left it
@@ -72,11 +72,11 @@ class Tracker:
         self._config, self._period_s, self._mpc = config, 1.0 / config.mpc.rate_hz, mpc
         self._brake_mps2 = config.mission.brake_mps2
         self._pause_s = max(_PAUSE_S, 2.0 * self._period_s)
-        self._bounds = _bounds(config)
+        self._bounds = bounds_of(config)
         self._steps_s = np.arange(1, mpc.n_tau + 1, dtype=np.float64) * mpc.step_s
         self.command = np.concatenate([r_m, np.zeros(9)])
         self._start_m = r_m.copy()
-        self.lifting = bool(r_m[2] < reference.xyz_m[0, 2] + _LIFT_M / 2 < reference.xyz_m[-1, 2])
+        self.lifting = bool(r_m[2] < reference.xyz_m[0, 2] + LIFT_M / 2 < reference.xyz_m[-1, 2])
         self.clock = ReferenceClock(self._when_at(r_m[2]) - self._period_s)  # the first tick advances it
         self.estimator = VehicleEstimator(config.tracking, self._period_s, 0.0, self.command)
         self._stop = standing(self.command, mpc.step_s)
@@ -157,8 +157,8 @@ class Tracker:
         if not self.lifting:
             return
         height = float(r_m[2] - self._start_m[2])
-        self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), _LIFT_M)))
-        self.lifting = t_s < _LIFT_S and not height > 0.9 * _LIFT_M
+        self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), LIFT_M)))
+        self.lifting = t_s < _LIFT_S and not height > 0.9 * LIFT_M
         if not self.lifting:
             here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0][:, 2]
             self.command = self.command.copy()
@@ -167,7 +167,7 @@ class Tracker:
     def _push_off(self, r_m: Array, v_mps: Array) -> Array:
         """Ask for a height and a speed that make a take-off; what the vehicle makes of them is no error of its height."""
         self.command = self.command.copy()
-        self.command[2::3] = [self._start_m[2] + _LIFT_M, _LIFT_MPS, 0.0, 0.0]
+        self.command[2::3] = [self._start_m[2] + LIFT_M, _LIFT_MPS, 0.0, 0.0]
         asked = self.command.copy()
         asked[2::3] = [r_m[2], v_mps[2], 0.0, 0.0]
         return asked
@@ -253,7 +253,7 @@ class Tracker:
         return between(t_s, self._period_s, self._reference.xyz_m, self._reference.region)
 
 
-def _bounds(config: RunConfig) -> Bounds:
+def bounds_of(config: RunConfig) -> Bounds:
     """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
     if config.mode == "paper":
         return Bounds(np.full(5, np.inf), np.inf, np.inf)
@@ -272,5 +272,5 @@ def rehearse(mpc: Mpc, config: RunConfig, reference: Reference, corridor: Corrid
     """Take off for nobody: what is compiled or loaded at first use is then at hand."""
     start, still = reference.xyz_m[0], np.zeros(3)
     tracker = Tracker(config, mpc, reference, corridor, start)
-    for k, height in enumerate((0.0, 2 * _LIFT_M, 2 * _LIFT_M)):
+    for k, height in enumerate((0.0, 2 * LIFT_M, 2 * LIFT_M)):
         tracker.tick(k / config.mpc.rate_hz, start + np.array([0.0, 0.0, height]), still, 0.0)

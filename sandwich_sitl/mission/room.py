@@ -9,7 +9,7 @@ from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.horizon import INSCRIBED
 from sandwich_sitl.control.mpc import Mpc, motion_limits
 from sandwich_sitl.control.stop_plan import STEEPEST
-from sandwich_sitl.control.tracker import _LIFT_M, _bounds
+from sandwich_sitl.control.tracker import LIFT_M, bounds_of
 from sandwich_sitl.errors import InputError
 
 _LONG_ENOUGH = 6.0  # horizon times bandwidth with which plans settle at every rate
@@ -77,7 +77,7 @@ def _check_stopping(config: RunConfig) -> None:
     """
     mpc, planner = config.mpc, config.planner
     beside_mps2 = _RATE_WHERE_STEEPEST**2 * planner.acceleration_mps2
-    room_mps2 = float(_bounds(config).limits[_ACROSS]) - beside_mps2
+    room_mps2 = float(bounds_of(config).limits[_ACROSS]) - beside_mps2
     horizon_s, period_s = mpc.horizon_steps * mpc.step_s, 1.0 / mpc.rate_hz
     longest_s = 2.0 * (horizon_s - period_s)
     needed_s = STEEPEST * planner.speed_mps / room_mps2
@@ -97,7 +97,7 @@ def _check_lift_off(config: RunConfig) -> None:
     band_m = config.mpc.height_band_m
     if band_m < _LEAST_BAND_M:
         raise InputError(
-            f"mpc.height_band_m: {band_m:g} m do not hold the push-off of {_LIFT_M:g} m, by which the autopilot takes off, "
+            f"mpc.height_band_m: {band_m:g} m do not hold the push-off of {LIFT_M:g} m, by which the autopilot takes off, "
             f"and the way back from it; give {_LEAST_BAND_M:g} or more"
         )
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from sandwich_sitl.config import MpcConfig, PlannerConfig, RunConfig, WorldConfig
-from sandwich_sitl.control.tracker import _bounds
+from sandwich_sitl.control.tracker import bounds_of
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import Fence, fence_around, objection
 from sandwich_sitl.link.inbox import Inbox
@@ -328,7 +328,7 @@ def test_the_fence_lets_everything_pass_that_a_plan_may_do(speed_mps: float) -> 
         world=WorldConfig(bounds_m=(0, 0, 50, 40)), start_m=(0, 0), goal_m=(20, 0), altitude_m=10,
         planner=PlannerConfig(vehicle_radius_m=0.4, margin_m=0.6), mpc=MpcConfig(speed_mps=speed_mps),
     )  # fmt: skip
-    across, climb = _bounds(config).limits[:2]
+    across, climb = bounds_of(config).limits[:2]
     v_mps = np.array((across, 0.0, climb))
     fence = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, config.mpc)
     on = Setpoint(INSIDE + PERIOD_S * v_mps, v_mps, None, 0.0)
