@@ -4,7 +4,8 @@ The ladder, top rung first:
 
     PLAN      the tick's own plan, accepted by `examine`: finite, within limits, inside its regions on a dense time grid,
               at rest at its end
-    SHIFTED   the last accepted plan, shifted to now: it slows down along its path and ends at rest (`stop_plan`)
+    SHIFTED   the last accepted plan, shifted to now: it slows down along its path and ends at rest (`stop_plan`); after a
+              pause of this process a stop straight on from where the vehicle has come to, which nobody has examined
     BRAKE     no accepted plan to go on with, or it has been flown to its end: straight deceleration, then at rest (mission)
 
 A region, and the band of height round the reference, count as kept when no point lies further outside than

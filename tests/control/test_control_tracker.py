@@ -1,12 +1,13 @@
 """Tracker and pilot in closed loop with plants that are known exactly."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sandwich_sitl.config import TrackingConfig
-from sandwich_sitl.control.assurance import Fault, Rung
+from sandwich_sitl.control.assurance import Fault, Rung, examine
 from sandwich_sitl.control.mpc import Mpc
 from sandwich_sitl.control.tracker import Tracker
 from sandwich_sitl.mission.orders import Stream
@@ -229,7 +230,7 @@ def test_after_a_pause_without_a_plan_the_vehicle_brakes_where_it_is(cause: str)
 
 
 def test_a_tick_too_late_for_its_plan_to_end_in_a_stop_flies_on_by_the_last_one() -> None:
-    """18 steps of 10 ms are over before a tick that comes 0.18 s late."""
+    """Of a horizon of 0.3 s a tick that comes 0.18 s late leaves 0.1 s, in which no vehicle stops."""
     reference, corridor = flight(20.0)
     limits = {"speed_mps": 60.0, "acceleration_mps2": 60.0, "jerk_mps3": 5e3, "snap_mps4": 5e5, "tilt_deg": 60.0}
     mpc = dataclasses.replace(MPC, horizon_steps=30, step_s=0.01, bandwidth_radps=40.0, **limits)
@@ -243,6 +244,46 @@ def test_a_tick_too_late_for_its_plan_to_end_in_a_stop_flies_on_by_the_last_one(
     tick = tracker.tick(299 * DT + 0.18, state[:3], state[3:6], 0.0)
     assert (tick.rung, tick.fault) == (Rung.SHIFTED, Fault.LATE)
     assert np.linalg.norm(tick.setpoint[:3] - state[:3]) < 0.18 * np.linalg.norm(state[3:6])
+
+
+def test_a_measurement_is_compared_with_the_command_of_its_own_time() -> None:
+    """An exact plant heard of 0.1 s late: told so, the tracker sees no offset; not told, it sees 0.1 s of way."""
+    reference, corridor = flight(10.0)
+    config = run_config(tracking=TrackingConfig(delay_s=0.0))
+    worst = {}
+    for told in (True, False):
+        tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+        states = [np.concatenate([reference.xyz_m[0], np.zeros(9)])] * 6
+        offsets = []
+        for k in range(350):
+            seen = states[-5]
+            tick = tracker.tick(k * DT, seen[:3], seen[3:6], 5 * DT if told else 0.0)
+            states.append(tick.setpoint)
+            offsets.append(float(np.linalg.norm(tick.offset_m)))
+        worst[told] = max(offsets)
+    assert worst[True] < 0.02
+    assert worst[False] > 0.15
+
+
+def test_a_plan_is_examined_where_the_vehicle_will_be_when_it_flies_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command is flown a delay later, so its first point belongs to the region of the reference at that time."""
+    reference, corridor = flight(10.0)
+    config = run_config(tracking=TrackingConfig(delay_s=0.2))
+    looked_at: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def noted(*arguments: Any) -> Fault:
+        looked_at.append((arguments[2], arguments[5]))
+        return examine(*arguments)
+
+    monkeypatch.setattr("sandwich_sitl.control.tracker.examine", noted)
+    tracker = Tracker(config, mpc_of(config), reference, corridor, reference.xyz_m[0])
+    state, differ = np.concatenate([reference.xyz_m[0], np.zeros(9)]), 0
+    for k in range(400):
+        state = tracker.tick(k * DT, state[:3], state[3:6], 0.0).setpoint
+        at = k + round(0.2 / DT)
+        assert looked_at[-1][1][0] == reference.region[at]
+        differ += int(reference.region[at] != reference.region[k])
+    assert differ > 50
 
 
 def climb_and_go() -> Reference:
@@ -418,6 +459,21 @@ def test_pilot_gives_up_a_plan_that_is_not_sent_or_not_followed(cause: str) -> N
     else:
         gone = np.linalg.norm(reference.xyz_m - reference.xyz_m[0], axis=1) > 1.0
         assert stale_at == pytest.approx(float(reference.t_s[gone][0]) + STALE_S, abs=3 * DT)
+
+
+def test_a_tick_that_comes_late_is_not_a_plan_that_was_refused() -> None:
+    """This process was away for half a second; nothing was refused meanwhile."""
+    reference, corridor = flight(20.0)
+    pilot = Pilot(run_config(), reference, corridor)
+    r, v = reference.xyz_m[0], np.zeros(3)
+    for k in range(20):
+        setpoint = pilot.steer(Stream.TRACK, k * DT, view_of(r, v, k * DT)).setpoint
+        pilot.accepted(k * DT)
+        assert setpoint is not None
+        r, v = setpoint.r_m, setpoint.v_mps
+    assert not pilot.plan_stale(19 * DT + STALE_S + 0.2)
+    pilot.steer(Stream.TRACK, 19 * DT + STALE_S + 0.2, view_of(r, v, 19 * DT + STALE_S + 0.2))
+    assert not pilot.plan_stale(19 * DT + STALE_S + 0.2)
 
 
 def test_pilot_tells_a_stale_plan_and_a_finished_route() -> None:
