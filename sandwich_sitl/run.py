@@ -20,6 +20,7 @@ from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.assurance import Fault, Rung, describe
 from sandwich_sitl.control.horizon import Horizon, HorizonSolver
 from sandwich_sitl.control.solvers.registry import solver_for_flight
+from sandwich_sitl.control.tracker import accepted_motion
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import fence_around
 from sandwich_sitl.link.session import LinkSession, LinkStatistics
@@ -112,18 +113,25 @@ class _Loop:
         self._refused: str | None = None
         self._ladder = (Rung.PLAN, Fault.NONE)
         self._uncertain = False
+        self._not_finite: set[str] = set()
         self._ticks = 0
         self._horizon_due_s = 0.0
 
     def run(self) -> FlightResult:
         period_s = 1.0 / self._config.mpc.rate_hz
+        speed_mps, climb_mps, across_mps2, up_mps2, _ = accepted_motion(self._config).tolist()
         session = LinkSession(
             self._config.link,
             self._config.clock,
             period_s,
             self._config.start_m,
             lambda t_s, direction, frame: self._frames.append((t_s, direction, frame)),
-            fence=fence_around(self._plan.bounds_m, float(self._plan.reference.xyz_m[:, 2].max()), self._config.mpc),
+            fence=fence_around(
+                self._plan.bounds_m,
+                float(self._plan.reference.xyz_m[:, 2].max()),
+                math.hypot(speed_mps, climb_mps),
+                math.hypot(across_mps2, up_mps2),
+            ),
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,
         )
@@ -202,6 +210,10 @@ class _Loop:
         if view.is_uncertain(limit_m) is not self._uncertain:
             self._uncertain = not self._uncertain
             self._recorder.log(now_s, "warning" if self._uncertain else "info", f"vehicle: {view.uncertainty(limit_m)}")
+        for name in view.not_finite:
+            if name not in self._not_finite:
+                self._not_finite.add(name)
+                self._recorder.log(now_s, "warning", f"vehicle: {name} is not finite and not used (said once)")
         if refused is not None and self._refused is None:
             self._recorder.log(now_s, "error", f"set-point not sent: {refused}")
         self._refused = refused

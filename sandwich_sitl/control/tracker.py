@@ -253,19 +253,20 @@ class Tracker:
         return between(t_s, self._period_s, self._reference.xyz_m, self._reference.region)
 
 
-def bounds_of(config: RunConfig) -> Bounds:
-    """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
-    if config.mode == "paper":
-        return Bounds(np.full(5, np.inf), np.inf, np.inf)
+def accepted_motion(config: RunConfig) -> Array:
+    """(5,) how far a plan within limits may go and be flown: speed across and along z, acceleration likewise, jerk."""
     mpc, limits = config.mpc, motion_limits(config.mpc)
     across = max(_BEYOND * limits.acceleration_mps2, limits.acceleration_mps2 + config.mission.brake_mps2)
     up = max(_BEYOND * mpc.acceleration_mps2, mpc.acceleration_mps2 + config.mission.brake_mps2)
     jerk = _BEYOND * np.sqrt(2) * limits.jerk_mps3
-    return Bounds(
-        np.array([_BEYOND * limits.speed_mps, _BEYOND * mpc.climb_mps, across, up, jerk]),
-        mpc.height_band_m,
-        config.assurance.region_tolerance_m,
-    )
+    return np.array([_BEYOND * limits.speed_mps, _BEYOND * mpc.climb_mps, across, up, jerk])
+
+
+def bounds_of(config: RunConfig) -> Bounds:
+    """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
+    if config.mode == "paper":
+        return Bounds(np.full(5, np.inf), np.inf, np.inf)
+    return Bounds(accepted_motion(config), config.mpc.height_band_m, config.assurance.region_tolerance_m)
 
 
 def rehearse(mpc: Mpc, config: RunConfig, reference: Reference, corridor: Corridor) -> None:

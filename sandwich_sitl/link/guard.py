@@ -6,17 +6,14 @@ nothing better. After a pause the vehicle is somewhere else, so what counts betw
 """
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sandwich_sitl.config import MpcConfig
 from sandwich_sitl.mission.setpoint import Setpoint
 
 Vector = NDArray[np.float64]
-
-_BEYOND = 1.25  # of its soft limits, as far as a plan is accepted (`control.tracker`)
 
 
 @dataclass(frozen=True)
@@ -38,15 +35,20 @@ class Fence:
 
 
 def fence_around(
-    bounds_m: tuple[float, float, float, float], altitude_m: float, mpc: MpcConfig, slack_m: float = 5.0
+    bounds_m: tuple[float, float, float, float],
+    altitude_m: float,
+    speed_mps: float,
+    acceleration_mps2: float,
+    slack_m: float = 5.0,
 ) -> Fence:
-    """World bounds and flight altitude with `slack_m` on every side; at least as fast as plans may be, and steps as fast as
-    that and a half more.
+    """World bounds and flight altitude with `slack_m` on every side. `speed_mps` and `acceleration_mps2` are what plans
+    may reach and pass in any case; steps may be half as fast again.
     """
     x_min, y_min, x_max, y_max = bounds_m
     widened = (x_min - slack_m, y_min - slack_m, x_max + slack_m, y_max + slack_m)
-    speed_mps = max(Fence.speed_mps, _BEYOND * hypot(mpc.speed_mps, mpc.climb_mps))
-    return Fence(widened, (-slack_m, altitude_m + slack_m), speed_mps, step_mps=1.5 * speed_mps)
+    speed_mps = max(Fence.speed_mps, speed_mps)
+    acceleration_mps2 = max(Fence.acceleration_mps2, acceleration_mps2)
+    return Fence(widened, (-slack_m, altitude_m + slack_m), speed_mps, acceleration_mps2, step_mps=1.5 * speed_mps)
 
 
 def objection(

@@ -105,6 +105,7 @@ class Telemetry:
         self._acks: list[CommandAck] = []
         self._scans: list[RangeScan] = []
         self._problems: list[str] = []
+        self._not_finite: list[str] = []
         self._chunks: tuple[int, int, str] | None = None
         self._interval_acks = 0
         self._handlers: dict[int, Callable[[Any, float], None]] = {
@@ -146,6 +147,7 @@ class Telemetry:
             acks=tuple(self._acks),
             scans=tuple(self._scans),
             scan_problems=tuple(self._problems),
+            not_finite=tuple(self._not_finite),
             parameters=self._parameters,
             **self._fields,
         )
@@ -153,6 +155,7 @@ class Telemetry:
         self._acks.clear()
         self._scans.clear()
         self._problems.clear()
+        self._not_finite.clear()
         return view
 
     def take_interval_acks(self) -> int:
@@ -180,22 +183,30 @@ class Telemetry:
         self._fields["landed"] = _LANDED.get(message.landed_state)
 
     def _local_position(self, message: Any, _now_s: float) -> None:
-        """One that is not finite is none: what was heard before it grows old."""
-        if not all(map(isfinite, (message.x, message.y, message.z, message.vx, message.vy, message.vz))):
-            return
-        self._fields.update(
-            r_m=position_enu_from_ned(message.x, message.y, message.z, self._origin_m),
-            v_mps=enu_from_ned(message.vx, message.vy, message.vz),
-            position_time_s=message.time_boot_ms * 1e-3,
-        )
+        if self._is_finite("LOCAL_POSITION_NED", message.x, message.y, message.z, message.vx, message.vy, message.vz):
+            self._fields.update(
+                r_m=position_enu_from_ned(message.x, message.y, message.z, self._origin_m),
+                v_mps=enu_from_ned(message.vx, message.vy, message.vz),
+                position_time_s=message.time_boot_ms * 1e-3,
+            )
 
     def _attitude(self, message: Any, _now_s: float) -> None:
-        q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
-        self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
+        if self._is_finite("ATTITUDE", message.roll, message.pitch, message.yaw):
+            q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
+            self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
 
     def _attitude_quaternion(self, message: Any, _now_s: float) -> None:
         self._handlers.pop(mavlink.MAVLINK_MSG_ID_ATTITUDE, None)  # the better answer to the same question
-        self._fields["q_wxyz"] = quaternion_enu_from_ned(message.q1, message.q2, message.q3, message.q4)
+        q = message.q1, message.q2, message.q3, message.q4
+        if self._is_finite("ATTITUDE_QUATERNION", *q):
+            self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
+
+    def _is_finite(self, name: str, *values: float) -> bool:
+        """A message that is not finite is none: what was heard before it grows old."""
+        finite = all(map(isfinite, values))
+        if not finite:
+            self._not_finite.append(name)
+        return finite
 
     def _home_position(self, _message: Any, _now_s: float) -> None:
         self._fields["home_known"] = True

@@ -136,6 +136,7 @@ class VehicleView:
     acks: tuple[CommandAck, ...] = ()  # since the last tick
     scans: tuple[RangeScan, ...] = ()  # since the last tick
     scan_problems: tuple[str, ...] = ()  # what was wrong with others, since the last tick
+    not_finite: tuple[str, ...] = ()  # names of messages that were not taken in for that, since the last tick
     parameters: Mapping[str, float] = field(default_factory=lambda: _NO_PARAMETERS)
 
     def is_uncertain(self, limit_m: float) -> bool:

@@ -48,9 +48,9 @@ def test_a_flight_is_not_held_up_by_the_collector_and_does_not_need_it(
     with collections_at() as at_s:
         log, result, _ = flown(start, short_config, tmp_path, solver_for_flight, watch)
     assert result.outcome.outcome == "landed"
+    assert len(log.timings.sent_s) > 1000
     first_s, last_s = log.timings.sent_s[[0, -1]].tolist()
-    assert last_s - first_s > 1.0
+    assert min(at_s) < first_s < last_s < max(at_s)  # collections are seen, and on the clock of the set-points
     assert not [t_s for t_s in at_s if first_s < t_s < last_s]
     assert gc.isenabled()
-    assert len(log.timings.sent_s) > 1000
     assert 0 <= watch.found < 20  # not one a tick, nor one a second

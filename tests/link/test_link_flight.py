@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fake_autopilot import Behaviour, FakeAutopilot, free_port
 
-from sandwich_sitl.config import ClockConfig, LinkConfig, MissionConfig, MpcConfig
+from sandwich_sitl.config import ClockConfig, LinkConfig, MissionConfig
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import fence_around
 from sandwich_sitl.link.session import LinkSession, LinkStatistics
@@ -46,7 +46,7 @@ def fly(
     log: list[str] = []
     config = MissionConfig(connect_timeout_s=5.0, ready_timeout_s=5.0, land_timeout_s=10.0)
     mission = Mission(config, START, ALTITUDE, route_s=climb_s)
-    fence = fence_around((0.0, 0.0, 10.0, 10.0), ALTITUDE, MpcConfig())
+    fence = fence_around((0.0, 0.0, 10.0, 10.0), ALTITUDE, speed_mps=3.0, acceleration_mps2=3.0)
     ground, up = np.array((*START, 0.0)), np.array((0.0, 0.0, 1.0))
     active_s, hold = None, None
     with (

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from sandwich_sitl.config import MpcConfig, PlannerConfig, RunConfig, WorldConfig
-from sandwich_sitl.control.tracker import bounds_of
+from sandwich_sitl.control.tracker import accepted_motion
 from sandwich_sitl.errors import LinkError
 from sandwich_sitl.link.guard import Fence, fence_around, objection
 from sandwich_sitl.link.inbox import Inbox
@@ -167,6 +167,20 @@ def test_a_position_that_is_no_number_is_not_taken_in(place: int, value: float) 
     view = vehicle.view
     assert (view.r_m.tolist(), view.v_mps.tolist()) == ([11.0, 23.0, 2.0], [4.0, 0.0, -1.0])
     assert view.position_time_s == 12.34
+    assert view.not_finite == ("LOCAL_POSITION_NED",)
+    assert vehicle.view.not_finite == ()
+
+
+@pytest.mark.parametrize("value", [nan, -inf])
+def test_an_attitude_that_is_no_number_is_not_taken_in(value: float) -> None:
+    vehicle = Vehicle()
+    vehicle.say(vehicle.mav.attitude_encode(12340, 0.1, -0.2, 1.0, 0.0, 0.0, 0.0))
+    before = vehicle.view.q_wxyz.tolist()
+    vehicle.say(vehicle.mav.attitude_encode(12360, 0.1, value, 1.0, 0.0, 0.0, 0.0))
+    vehicle.say(vehicle.mav.attitude_quaternion_encode(12380, 1.0, 0.0, 0.0, value, 0.0, 0.0, 0.0))
+    view = vehicle.view
+    assert view.q_wxyz.tolist() == before
+    assert view.not_finite == ("ATTITUDE", "ATTITUDE_QUATERNION")
 
 
 def test_what_the_autopilot_says_of_its_accuracy_stands_until_it_says_better() -> None:
@@ -277,7 +291,7 @@ def test_mode_changes_are_sent_once_and_never_repeated_by_the_link() -> None:
 
 
 PERIOD_S = 0.02
-FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, MpcConfig())
+FENCE = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, speed_mps=3.0, acceleration_mps2=3.0)
 INSIDE = np.array((10.0, 10.0, 5.0))
 NEXT = np.array((10.7, 10.0, 5.0))
 FAR = np.array((21.0, 10.0, 5.0))
@@ -321,20 +335,24 @@ def test_the_push_off_passes_the_fence_at_every_rate_and_no_leap_does(
     assert (reason is not None) == refused
 
 
-@pytest.mark.parametrize("speed_mps", [12.0, 33.0])
-def test_the_fence_lets_everything_pass_that_a_plan_may_do(speed_mps: float) -> None:
+@pytest.mark.parametrize(("speed_mps", "acceleration_mps2"), [(12.0, 6.0), (33.0, 25.0)])
+def test_the_fence_lets_everything_pass_that_a_plan_may_do(speed_mps: float, acceleration_mps2: float) -> None:
     """A plan is accepted up to its bounds across and along z at once; in a period it goes no further than that."""
     config = RunConfig(
         world=WorldConfig(bounds_m=(0, 0, 50, 40)), start_m=(0, 0), goal_m=(20, 0), altitude_m=10,
-        planner=PlannerConfig(vehicle_radius_m=0.4, margin_m=0.6), mpc=MpcConfig(speed_mps=speed_mps),
+        planner=PlannerConfig(vehicle_radius_m=0.4, margin_m=0.6),
+        mpc=MpcConfig(speed_mps=speed_mps, acceleration_mps2=acceleration_mps2, tilt_deg=79.0),
     )  # fmt: skip
-    across, climb = bounds_of(config).limits[:2]
-    v_mps = np.array((across, 0.0, climb))
-    fence = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, config.mpc)
-    on = Setpoint(INSIDE + PERIOD_S * v_mps, v_mps, None, 0.0)
-    assert objection(on, Setpoint(INSIDE, v_mps, None, 0.0), PERIOD_S, INSIDE, fence) is None
-    faster = Setpoint(INSIDE, 1.01 * max(20.0, np.hypot(across, climb)) * np.array((1.0, 0.0, 0.0)), None, 0.0)
-    assert objection(faster, None, PERIOD_S, INSIDE, fence) is not None
+    across, climb, push, lift, _ = accepted_motion(config)
+    v_mps, a_mps2 = np.array((across, 0.0, climb)), np.array((push, 0.0, lift))
+    fence = fence_around((0.0, 0.0, 50.0, 40.0), 10.0, np.hypot(across, climb), np.hypot(push, lift))
+    on = Setpoint(INSIDE + PERIOD_S * v_mps, v_mps, a_mps2, 0.0)
+    assert objection(on, Setpoint(INSIDE, v_mps, a_mps2, 0.0), PERIOD_S, INSIDE, fence) is None
+    east = np.array((1.0, 0.0, 0.0))
+    faster = Setpoint(INSIDE, 1.01 * max(20.0, np.hypot(across, climb)) * east, None, 0.0)
+    assert "velocity" in str(objection(faster, None, PERIOD_S, INSIDE, fence))
+    harder = Setpoint(INSIDE, None, 1.01 * max(20.0, np.hypot(push, lift)) * east, 0.0)
+    assert "acceleration" in str(objection(harder, None, PERIOD_S, INSIDE, fence))
 
 
 def test_fence_keeps_setpoints_near_the_vehicle() -> None:

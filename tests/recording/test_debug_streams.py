@@ -197,7 +197,7 @@ def test_a_stalled_subscriber_never_blocks(streams: tuple[ZenohConfig, DebugStre
             publisher.put("/scene", bytes(10_000))
             slowest_s = max(slowest_s, time.monotonic() - wall)
             assert time.thread_time() - before < 0.5
-        assert slowest_s < 1.0
+        assert slowest_s < 3.0  # one that waited for the subscriber would take 5 s
     finally:
         process.kill()
         process.wait(10)
