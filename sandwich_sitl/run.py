@@ -119,7 +119,7 @@ class _Loop:
 
     def run(self) -> FlightResult:
         period_s = 1.0 / self._config.mpc.rate_hz
-        speed_mps, climb_mps, across_mps2, up_mps2, _ = accepted_motion(self._config).tolist()
+        most = accepted_motion(self._config)
         session = LinkSession(
             self._config.link,
             self._config.clock,
@@ -129,8 +129,8 @@ class _Loop:
             fence=fence_around(
                 self._plan.bounds_m,
                 float(self._plan.reference.xyz_m[:, 2].max()),
-                math.hypot(speed_mps, climb_mps),
-                math.hypot(across_mps2, up_mps2),
+                math.hypot(most.speed_mps, most.climb_mps),
+                math.hypot(most.across_mps2, most.up_mps2),
             ),
             connect_timeout_s=self._config.mission.connect_timeout_s,
             stop_requested=lambda: self._stop_requests() > 0,

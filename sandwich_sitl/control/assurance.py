@@ -19,6 +19,7 @@ a grid step, a dt^2 / 8, is below a millimetre and left to the tolerance.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -56,10 +57,20 @@ class Fault(StrEnum):
     STOP = "the mission stops"
 
 
+class AcceptedMotion(NamedTuple):
+    """The largest motion of a plan that is flown: speed across and along z, acceleration likewise, jerk."""
+
+    speed_mps: float
+    climb_mps: float
+    across_mps2: float
+    up_mps2: float
+    jerk_mps3: float
+
+
 @dataclass(frozen=True)
 class Bounds:
-    """Beyond what a plan is refused: speed across and climb, acceleration across and along z, and jerk (5,); distance
-    from the reference's height; tolerance of the regions and of that band.
+    """Beyond what a plan is refused: its motion, `AcceptedMotion` as (5,); distance from the reference's height;
+    tolerance of the regions and of that band.
     """
 
     limits: Array

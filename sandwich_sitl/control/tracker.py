@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandwich_sitl.config import RunConfig
-from sandwich_sitl.control.assurance import GRID_S, Bounds, Fault, Rung, examine
+from sandwich_sitl.control.assurance import GRID_S, AcceptedMotion, Bounds, Fault, Rung, examine
 from sandwich_sitl.control.estimator import VehicleEstimator
 from sandwich_sitl.control.lookup import between
 from sandwich_sitl.control.mpc import Mpc, MpcSolution, motion_limits
@@ -110,7 +110,7 @@ class Tracker:
         self._await_lift_off(t_s, r_m)
         before, stood_s = self.command, self.clock.t_s
         if not self.lifting:
-            self.clock.advance(dt, self._pace_mps())
+            self.clock.advance(dt, float(np.linalg.norm(self._reference_at(self.clock.t_s)[1])))
         seen = self.estimator.measure(t_s, t_s - age_s, r_m, v_mps)
         solution, stop, fault = self._try_plan(dt) if seen else (self._mpc.no_solution(), None, Fault.BLIND)
         rung = self._take(stop, t_s, dt)
@@ -132,8 +132,7 @@ class Tracker:
         times = self.clock.t_s + np.arange(0.0, gap_s + self._period_s, self._period_s)
         places = self._sample(times)[0]
         nearest = int(np.argmin(((places - r_m) ** 2).sum(axis=1)))
-        here, there = self._sample(times[nearest] + np.array([0.0, self._period_s]))[0]
-        pace_mps = (there - here) / self._period_s
+        _, pace_mps = self._reference_at(float(times[nearest]))
         rate = float(v_mps @ pace_mps) / max(float(pace_mps @ pace_mps), 1e-6)
         self.clock.follow(float(times[nearest]), min(max(rate, 0.0), 1.0))
         followed_m = r_m - self.estimator.offset_m + self.estimator.delay_s * v_mps
@@ -142,11 +141,6 @@ class Tracker:
         self._stop, self._stop_began_s = straight_on(self.command, self._brake_mps2), t_s
         begins_s, rate = self.clock.t_s, self.clock.rate
         self._stop_sigma = lambda progress: begins_s + rate * progress
-
-    def _pace_mps(self) -> float:
-        """Speed of the reference where it is now, at its own rate 1."""
-        here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0]
-        return float(np.linalg.norm(there - here)) / self._period_s
 
     def _await_lift_off(self, t_s: float, r_m: Array) -> None:
         """Autopilots leave the ground in their own time: the reference goes along with the vehicle until it has.
@@ -160,9 +154,9 @@ class Tracker:
         self.clock = ReferenceClock(self._when_at(self._start_m[2] + min(max(height, 0.0), LIFT_M)))
         self.lifting = t_s < _LIFT_S and not height > 0.9 * LIFT_M
         if not self.lifting:
-            here, there = self._sample(self.clock.t_s + np.array([0.0, self._period_s]))[0][:, 2]
+            place_m, pace_mps = self._reference_at(self.clock.t_s)
             self.command = self.command.copy()
-            self.command[2::3] = [here, (there - here) / self._period_s, 0.0, 0.0]
+            self.command[2::3] = [place_m[2], pace_mps[2], 0.0, 0.0]
 
     def _push_off(self, r_m: Array, v_mps: Array) -> Array:
         """Ask for a height and a speed that make a take-off; what the vehicle makes of them is no error of its height."""
@@ -252,21 +246,26 @@ class Tracker:
         """Desired positions (n, 3) and regions (n,) at times (n,), held at both ends."""
         return between(t_s, self._period_s, self._reference.xyz_m, self._reference.region)
 
+    def _reference_at(self, t_s: float) -> tuple[Array, Array]:
+        """Place (3,) and, at the reference's own rate 1, velocity (3,)."""
+        here, there = self._sample(t_s + np.array([0.0, self._period_s]))[0]
+        return here, (there - here) / self._period_s
 
-def accepted_motion(config: RunConfig) -> Array:
-    """(5,) how far a plan within limits may go and be flown: speed across and along z, acceleration likewise, jerk."""
+
+def accepted_motion(config: RunConfig) -> AcceptedMotion:
+    """What a plan may do and still be flown, where there are limits."""
     mpc, limits = config.mpc, motion_limits(config.mpc)
     across = max(_BEYOND * limits.acceleration_mps2, limits.acceleration_mps2 + config.mission.brake_mps2)
     up = max(_BEYOND * mpc.acceleration_mps2, mpc.acceleration_mps2 + config.mission.brake_mps2)
     jerk = _BEYOND * np.sqrt(2) * limits.jerk_mps3
-    return np.array([_BEYOND * limits.speed_mps, _BEYOND * mpc.climb_mps, across, up, jerk])
+    return AcceptedMotion(_BEYOND * limits.speed_mps, _BEYOND * mpc.climb_mps, across, up, jerk)
 
 
 def bounds_of(config: RunConfig) -> Bounds:
     """Paper mode knows no limits and its raw quadrangles may miss their own reference: only finiteness is left."""
     if config.mode == "paper":
         return Bounds(np.full(5, np.inf), np.inf, np.inf)
-    return Bounds(accepted_motion(config), config.mpc.height_band_m, config.assurance.region_tolerance_m)
+    return Bounds(np.array(accepted_motion(config)), config.mpc.height_band_m, config.assurance.region_tolerance_m)
 
 
 def rehearse(mpc: Mpc, config: RunConfig, reference: Reference, corridor: Corridor) -> None:

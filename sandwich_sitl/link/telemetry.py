@@ -183,7 +183,7 @@ class Telemetry:
         self._fields["landed"] = _LANDED.get(message.landed_state)
 
     def _local_position(self, message: Any, _now_s: float) -> None:
-        if self._is_finite("LOCAL_POSITION_NED", message.x, message.y, message.z, message.vx, message.vy, message.vz):
+        if self._takes("LOCAL_POSITION_NED", message.x, message.y, message.z, message.vx, message.vy, message.vz):
             self._fields.update(
                 r_m=position_enu_from_ned(message.x, message.y, message.z, self._origin_m),
                 v_mps=enu_from_ned(message.vx, message.vy, message.vz),
@@ -191,18 +191,18 @@ class Telemetry:
             )
 
     def _attitude(self, message: Any, _now_s: float) -> None:
-        if self._is_finite("ATTITUDE", message.roll, message.pitch, message.yaw):
+        if self._takes("ATTITUDE", message.roll, message.pitch, message.yaw):
             q = quaternion_from_euler(message.roll, message.pitch, message.yaw)
             self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
 
     def _attitude_quaternion(self, message: Any, _now_s: float) -> None:
         self._handlers.pop(mavlink.MAVLINK_MSG_ID_ATTITUDE, None)  # the better answer to the same question
         q = message.q1, message.q2, message.q3, message.q4
-        if self._is_finite("ATTITUDE_QUATERNION", *q):
+        if self._takes("ATTITUDE_QUATERNION", *q):
             self._fields["q_wxyz"] = quaternion_enu_from_ned(*q)
 
-    def _is_finite(self, name: str, *values: float) -> bool:
-        """A message that is not finite is none: what was heard before it grows old."""
+    def _takes(self, name: str, *values: float) -> bool:
+        """Whether a message counts; one that is not finite is noted and does not: what was heard before it grows old."""
         finite = all(map(isfinite, values))
         if not finite:
             self._not_finite.append(name)

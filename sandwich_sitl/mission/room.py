@@ -9,12 +9,11 @@ from sandwich_sitl.config import RunConfig
 from sandwich_sitl.control.horizon import INSCRIBED
 from sandwich_sitl.control.mpc import Mpc, motion_limits
 from sandwich_sitl.control.stop_plan import STEEPEST
-from sandwich_sitl.control.tracker import LIFT_M, bounds_of
+from sandwich_sitl.control.tracker import LIFT_M, accepted_motion
 from sandwich_sitl.errors import InputError
 
 _LONG_ENOUGH = 6.0  # horizon times bandwidth with which plans settle at every rate
 _LEAST_BAND_M = 0.3  # a plan needs 0.25 to 0.29 at bandwidths from 16 to 4 rad/s, after a push-off of 0.2
-_ACROSS = 2  # of `Bounds.limits`
 _RATE_WHERE_STEEPEST = 0.5  # s' of a stop when it brakes hardest; what the plan itself does then counts by its square
 
 
@@ -77,7 +76,7 @@ def _check_stopping(config: RunConfig) -> None:
     """
     mpc, planner = config.mpc, config.planner
     beside_mps2 = _RATE_WHERE_STEEPEST**2 * planner.acceleration_mps2
-    room_mps2 = float(bounds_of(config).limits[_ACROSS]) - beside_mps2
+    room_mps2 = accepted_motion(config).across_mps2 - beside_mps2
     horizon_s, period_s = mpc.horizon_steps * mpc.step_s, 1.0 / mpc.rate_hz
     longest_s = 2.0 * (horizon_s - period_s)
     needed_s = STEEPEST * planner.speed_mps / room_mps2
